@@ -1,0 +1,207 @@
+//! The validated description of a rig. Only [`crate::Rig`] values that passed every check exist outside this crate's reader.
+
+use crate::Shutter;
+use std::path::PathBuf;
+
+/// A whole rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    /// Name for people and manifests.
+    pub name: String,
+    /// Who moves the light.
+    pub arm: Arm,
+    /// The lamp and where its arm carries it.
+    pub lamp: Lamp,
+    /// Who takes the pictures.
+    pub camera: Camera,
+    /// The sampled object.
+    pub object: Sphere,
+    /// What an acquisition does when the request says nothing else.
+    pub plan: Plan,
+    /// How the material is fitted.
+    pub fit: Fit,
+    /// Where sessions are kept.
+    pub storage: Storage,
+    /// Where the daemon listens.
+    pub server: Server,
+    /// The simulated world; present exactly when a driver is `simulated`.
+    pub simulation: Option<Simulation>,
+}
+
+/// How the arm is reached.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ArmDriver {
+    /// Our own firmware (firmware-protocol) on a serial port.
+    Rigproto {
+        /// Device path, best under /dev/serial/by-id.
+        port: PathBuf,
+    },
+    /// GRBL on a serial port.
+    Grbl {
+        /// Device path.
+        port: PathBuf,
+    },
+    /// The simulated arm: the firmware's own handler behind a PTY.
+    Simulated,
+}
+
+/// The motorised arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arm {
+    /// How it is reached.
+    pub driver: ArmDriver,
+    /// Line speed, baud.
+    pub baud: u32,
+    /// Greatest speed, degrees per second.
+    pub speed_deg_s: f64,
+    /// Acceleration, degrees per second squared.
+    pub acceleration_deg_s2: f64,
+    /// Permitted angles, degrees, lower and upper.
+    pub travel_deg: [f64; 2],
+    /// A station is reached when the status is this close, degrees.
+    pub tolerance_deg: f64,
+    /// Wait after every move before the first exposure, seconds.
+    pub settle_s: f64,
+    /// Where the arm rests after a session, degrees.
+    pub park_deg: f64,
+    /// Longest time homing may take, seconds.
+    pub home_timeout_s: f64,
+}
+
+/// The lamp: level, warm-up, and geometry of its circle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lamp {
+    /// Level during a session, permille of full.
+    pub level_permille: u16,
+    /// Warm-up before the first exposure, seconds.
+    pub soak_s: f64,
+    /// Centre of the circle the lamp travels on, camera frame, mm.
+    pub circle_center_mm: [f64; 3],
+    /// Radius of that circle, mm.
+    pub circle_radius_mm: f64,
+    /// Radiant intensity per channel, radiance units x mm^2: irradiance at distance d (mm) is intensity / d^2.
+    pub intensity: [f64; 3],
+}
+
+impl Lamp {
+    /// Position of the lamp, camera frame (x right, y down, z away), mm, with the arm at `angle_deg`:
+    /// angle 0 lies between object and camera, positive angles turn towards +x, about the vertical axis.
+    pub fn position_mm(&self, angle_deg: f64) -> [f64; 3] {
+        let (sin, cos) = angle_deg.to_radians().sin_cos();
+        let [x, y, z] = self.circle_center_mm;
+        [x + self.circle_radius_mm * sin, y, z - self.circle_radius_mm * cos]
+    }
+}
+
+/// How the camera is reached.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraDriver {
+    /// libgphoto2 through the camera worker process.
+    Gphoto2 {
+        /// Model as libgphoto2 spells it.
+        model: Option<String>,
+        /// Port as libgphoto2 spells it.
+        port: Option<String>,
+    },
+    /// Plays a folder of frames.
+    Replay {
+        /// The folder.
+        directory: PathBuf,
+    },
+    /// The simulated camera.
+    Simulated,
+}
+
+/// The camera: driver, optics (pinhole, camera frame), sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// How it is reached.
+    pub driver: CameraDriver,
+    /// Frame width, pixels.
+    pub width: usize,
+    /// Frame height, pixels.
+    pub height: usize,
+    /// Focal length, pixels, x and y.
+    pub focal_px: [f64; 2],
+    /// Principal point, pixels.
+    pub principal_px: [f64; 2],
+    /// Distortion k1 k2 p1 p2 k3 (Brown).
+    pub distortion: [f64; 5],
+    /// Aperture used throughout, f-number.
+    pub f_number: f64,
+    /// ISO speed used throughout.
+    pub iso: u32,
+    /// Charge at saturation, electrons.
+    pub full_well_e: f64,
+    /// Read noise, electrons rms.
+    pub read_noise_e: f64,
+}
+
+/// The sampled sphere, camera frame, mm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sphere {
+    /// Centre.
+    pub center_mm: [f64; 3],
+    /// Radius.
+    pub radius_mm: f64,
+}
+
+/// The rig's own acquisition plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Light stations: arm angles, degrees, in shooting order.
+    pub stations_deg: Vec<f64>,
+    /// The bracket, in shooting order.
+    pub exposures: Vec<Shutter>,
+}
+
+/// How the material is fitted; names are those of `rigd fit --help`, checked by the composition root.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// Number of materials; none lets left-out lights decide.
+    pub materials: Option<usize>,
+    /// BRDF model name.
+    pub model: String,
+    /// Solver name.
+    pub solver: String,
+    /// Objective name.
+    pub objective: String,
+    /// Samples with cos theta_i or cos theta_r at or below this are not used.
+    pub cosine_cutoff: f64,
+}
+
+/// Where sessions are kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Storage {
+    /// Directory of all sessions.
+    pub data: PathBuf,
+    /// Bytes kept free for journal and shutdown.
+    pub reserve_bytes: u64,
+}
+
+/// Where the daemon listens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Server {
+    /// Address and port; loopback only.
+    pub listen: std::net::SocketAddr,
+}
+
+/// Which simulated object stands in the rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scene {
+    /// Marble ball: veins of a second material, sharp lobes.
+    Marble,
+    /// Striped wooden ball: soft lobes.
+    Wood,
+}
+
+/// The simulated world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Simulation {
+    /// The object.
+    pub scene: Scene,
+    /// Seed of the scene's texture and of all noise.
+    pub seed: u64,
+    /// How many times faster than real motion, exposure and waiting pass.
+    pub speed: f64,
+}

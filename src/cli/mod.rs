@@ -1,0 +1,8 @@
+//! Commands: the composition root. The only place that knows both the simulated and the real devices.
+pub mod demo;
+pub mod fit;
+pub mod merge;
+pub mod relight;
+pub mod serve;
+pub mod session;
+pub mod simulate;

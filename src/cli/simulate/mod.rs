@@ -1,0 +1,3 @@
+//! `rigd simulate arm|camera`: the simulated devices by themselves.
+pub mod arm;
+pub mod camera;

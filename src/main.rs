@@ -1,0 +1,2 @@
+//! The `rigd` command.
+fn main() {}

@@ -1,0 +1,6 @@
+//! Synchronous steps from frames to a fitted material: no paths, no devices, no clocks.
+pub mod dataset;
+pub mod decode;
+pub mod develop;
+pub mod fit;
+pub mod relight;

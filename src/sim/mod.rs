@@ -1,0 +1,7 @@
+//! The simulated rig: an arm that runs the firmware's own handler behind a PTY, a camera, and the one world both share.
+//! Imported only by main (through `cli`), studies and tests.
+pub mod arm;
+pub mod camera;
+pub mod pose;
+pub mod scene;
+pub mod world;
