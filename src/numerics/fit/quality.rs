@@ -1,1 +1,122 @@
-//! x
+//! How good a fit is (METHOD 8): relative errors over all, highlight and left-out samples, and chi^2 against the noise.
+
+use super::objective::noise_weights;
+use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};
+use super::{CHUNK, Mixture, predict};
+use crate::numerics::brdf::Lobe;
+use rayon::prelude::*;
+
+/// Errors of a mixture on some observations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    /// Mean of |I - model| / I over samples and channels.
+    pub mean_relative_error: f64,
+    /// The same over samples with a half angle below 6 degrees; none where there is no such sample.
+    pub highlight_relative_error: Option<f64>,
+    /// Sum of squared residuals over their noise-and-floor variance.
+    pub chi2: f64,
+}
+
+/// Sums over samples.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    relative: f64,
+    samples: f64,
+    highlight: f64,
+    highlights: f64,
+    chi2: f64,
+}
+
+impl Sums {
+    fn add(&mut self, sample: &Sample, model: [f64; 3]) {
+        let weights = noise_weights(sample);
+        let mut relative = 0.0;
+        for c in 0..3 {
+            let residual = sample.radiance[c] - model[c];
+            relative += residual.abs() / sample.radiance[c] / 3.0;
+            self.chi2 += weights[c] * residual * residual;
+        }
+        self.relative += relative;
+        self.samples += 1.0;
+        if sample.angles.half_angle() < HIGHLIGHT_HALF_ANGLE {
+            self.highlight += relative;
+            self.highlights += 1.0;
+        }
+    }
+
+    fn join(mut self, other: &Self) -> Self {
+        self.relative += other.relative;
+        self.samples += other.samples;
+        self.highlight += other.highlight;
+        self.highlights += other.highlights;
+        self.chi2 += other.chi2;
+        self
+    }
+}
+
+/// Errors of `mixture` on the samples whose light `judged` accepts. None when there is no such sample.
+/// `point_of` gives, for each point of `observations`, its point in the mixture, if it has one.
+pub fn judge(
+    lobe: &dyn Lobe,
+    mixture: &Mixture,
+    observations: &Observations,
+    point_of: impl Fn(usize) -> Option<usize> + Sync,
+    judged: impl Fn(usize) -> bool + Sync,
+) -> Option<Quality> {
+    let points = observations.points();
+    let partial: Vec<Sums> = (0..points.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut sums = Sums::default();
+            for point in chunk * CHUNK..((chunk + 1) * CHUNK).min(points) {
+                let Some(known) = point_of(point) else { continue };
+                for sample in observations.of(point).iter().filter(|s| judged(s.light)) {
+                    sums.add(sample, predict(lobe, &mixture.materials, mixture.weights_of(known), sample));
+                }
+            }
+            sums
+        })
+        .collect();
+    let sums = partial.iter().fold(Sums::default(), Sums::join);
+    (sums.samples > 0.0).then(|| Quality {
+        mean_relative_error: sums.relative / sums.samples,
+        highlight_relative_error: (sums.highlights > 0.0).then(|| sums.highlight / sums.highlights),
+        chi2: sums.chi2,
+    })
+}
+
+/// Errors on every sample the mixture was fitted to.
+pub fn judge_all(lobe: &dyn Lobe, mixture: &Mixture, observations: &Observations) -> Option<Quality> {
+    judge(lobe, mixture, observations, Some, |_| true)
+}
+
+/// Errors of a mixture that was fitted to `kept` points (indices into `observations`, ascending) on the lights it never saw.
+pub fn judge_left_out(
+    lobe: &dyn Lobe,
+    mixture: &Mixture,
+    observations: &Observations,
+    kept: &[usize],
+    left_out: impl Fn(usize) -> bool + Sync,
+) -> Option<Quality> {
+    judge(lobe, mixture, observations, |point| kept.binary_search(&point).ok(), left_out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::brdf::ward::Ward;
+    use crate::numerics::fit::observations::tests::synthetic;
+
+    /// Measured radiance 4 % above the model everywhere: |I - model| / I is 0.04 / 1.04 on every sample.
+    #[test]
+    fn a_uniform_offset_gives_its_relative_error() {
+        let (mut observations, mixture) = synthetic(50, 2, 21);
+        for sample in &mut observations.samples {
+            sample.radiance = sample.radiance.map(|i| 1.04 * i);
+        }
+        let quality = judge_all(&Ward, &mixture, &observations).unwrap_or_else(|| panic!("no samples"));
+        assert!((quality.mean_relative_error - 0.04 / 1.04).abs() < 1e-12);
+        assert!((quality.highlight_relative_error.unwrap_or(0.0) - 0.04 / 1.04).abs() < 1e-12);
+        assert!(judge(&Ward, &mixture, &observations, Some, |light| light == 99).is_none());
+    }
+}
