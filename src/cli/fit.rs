@@ -1,1 +1,186 @@
+//! `rigd fit`: fits a dataset directory, no daemon needed.
 
+use super::error::bad_input;
+use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, fit};
+use crate::pipeline::report::{Identified, Parameter};
+use crate::store::{dataset, result};
+use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Fit a material to a dataset directory (dataset.toml beside its images).
+#[derive(clap::Args)]
+pub struct Args {
+    /// Dataset directory; a finished session is one.
+    pub dataset: PathBuf,
+    /// Where to write the result.
+    #[arg(long, default_value = "rigd-result")]
+    pub out: PathBuf,
+    /// Number of materials, 1 to 4, or auto: left-out lights decide.
+    #[arg(long, default_value = "auto", value_parser = parse_materials)]
+    pub materials: Materials,
+    /// BRDF model: ward, lambert.
+    #[arg(long, default_value = "ward")]
+    pub model: String,
+    /// Solver: zheng2008.
+    #[arg(long, default_value = "zheng2008")]
+    pub solver: String,
+    /// Weights: exact (gamma >= 0, the sum is a gauge) or paper (Eq. 10: sum gamma <= 1 as well).
+    #[arg(long, default_value = "exact")]
+    pub weights: String,
+    /// Objective: absolute (Eq. 2), relative (Eq. 11), noise (variance and a 2 % model floor).
+    #[arg(long, default_value = "noise")]
+    pub objective: String,
+    /// Lights kept out of the fit and used to judge it, numbered from 0: 3,5.
+    #[arg(long, value_delimiter = ',')]
+    pub leave_out: Vec<usize>,
+    /// Least cosine of incidence and reflection of a used sample; default: the dataset's.
+    #[arg(long)]
+    pub cosine_cutoff: Option<f64>,
+    /// Worker threads; default: all cores. The result is the same to the bit.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print report.json and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Number of materials on the command line.
+#[derive(Clone, Copy, Debug)]
+pub struct Materials(pub Option<usize>);
+
+fn parse_materials(text: &str) -> Result<Materials, String> {
+    if text == "auto" {
+        return Ok(Materials(None));
+    }
+    text.parse().map(|count| Materials(Some(count))).map_err(|_| "give a number from 1 to 4, or auto".to_owned())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let begin = Instant::now();
+    let data = dataset::read(&args.dataset).map_err(bad_input)?;
+    let load = begin.elapsed();
+    let options = FitOptions {
+        materials: args.materials.0,
+        model: args.model.clone(),
+        solver: args.solver.clone(),
+        weights: args.weights.clone(),
+        objective: args.objective.clone(),
+        leave_out: args.leave_out.clone(),
+        cosine_cutoff: args.cosine_cutoff,
+        threads: args.threads,
+    };
+    let bar = progress_bar(args.json);
+    let mut on_progress = |progress: FitProgress| {
+        if progress.iteration > 0 {
+            bar.set_message(format!("alternation {}, cost {:.6e}", progress.iteration, progress.cost));
+        }
+        ControlFlow::Continue(())
+    };
+    let fitted = fit(&data, &options, &mut on_progress);
+    bar.finish_and_clear();
+    let mut fitted = fitted.map_err(|error| match error {
+        FitError::Input(_) => bad_input(format!("{}: {error}", args.dataset.display())),
+        FitError::Cancelled | FitError::Threads(_) => error.into(),
+    })?;
+    fitted.report.seconds.load = load.as_secs_f64();
+    fitted.report.seconds.total += load.as_secs_f64();
+    fitted.report.cpu_seconds = cpu_time().as_secs_f64();
+    result::write(&args.out, &fitted)?;
+    let mut out = std::io::stdout().lock();
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&fitted.report)?)?;
+    } else {
+        print_summary(&mut out, &fitted)?;
+        writeln!(out, "result in {}", args.out.display())?;
+    }
+    Ok(())
+}
+
+fn progress_bar(quiet: bool) -> indicatif::ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return indicatif::ProgressBar::hidden();
+    }
+    let bar = indicatif::ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
+
+/// Processor time of this process so far.
+pub fn cpu_time() -> Duration {
+    nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID).map_or(Duration::ZERO, Duration::from)
+}
+
+fn percent(error: Option<f64>) -> String {
+    error.map_or("none".to_owned(), |e| format!("{:.2} %", 100.0 * e))
+}
+
+/// A parameter as people read it; an unidentified one is not shown as if measured.
+pub fn show(parameter: &Parameter) -> String {
+    match (parameter.identified, parameter.standard_error) {
+        (Identified::Unidentified, _) => "not determined".to_owned(),
+        (_, None) => format!("{:.4} (weak)", parameter.value),
+        (Identified::Weak, Some(sigma)) => format!("{:.4} ± {sigma:.4} (weak)", parameter.value),
+        (Identified::Identified, Some(sigma)) => format!("{:.4} ± {sigma:.4}", parameter.value),
+    }
+}
+
+/// Parameters and errors as a table.
+pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Result<()> {
+    let report = &fitted.report;
+    writeln!(
+        out,
+        "{} points, {} samples, {} material(s), {} by {} ({} objective), {} after {} alternations, {:.2} s",
+        report.pixels,
+        report.samples,
+        report.materials,
+        report.model,
+        report.solver,
+        report.objective,
+        report.termination,
+        report.iterations,
+        report.seconds.total
+    )?;
+    for (index, material) in fitted.material.materials.iter().enumerate() {
+        writeln!(out, "material {} ({:.0} % of the object)", index + 1, 100.0 * material.share)?;
+        for (name, list) in [("diffuse albedo ", &material.rho_d), ("specular albedo", &material.rho_s)] {
+            let shown: Vec<String> = list.iter().map(show).collect();
+            if !shown.is_empty() {
+                writeln!(out, "  {name}  {}", shown.join("  "))?;
+            }
+        }
+        if let Some(beta) = &material.beta {
+            writeln!(out, "  roughness        {}", show(beta))?;
+        }
+        for parameter in material.rho_d.iter().chain(&material.rho_s).chain(&material.beta) {
+            if let Some(reason) = &parameter.reason {
+                writeln!(out, "  note: {reason}")?;
+                break;
+            }
+        }
+    }
+    writeln!(
+        out,
+        "mean relative error {}; highlights {}; left-out lights {}; chi2 per degree of freedom {:.2}; cosines above {}",
+        percent(Some(report.mean_relative_error)),
+        percent(report.highlight_relative_error),
+        percent(report.left_out_relative_error),
+        report.reduced_chi2,
+        report.cosine_cutoff
+    )?;
+    for candidate in &report.candidates {
+        writeln!(
+            out,
+            "{} material(s): {:.2} % on left-out lights{}",
+            candidate.materials,
+            100.0 * candidate.left_out_relative_error,
+            if candidate.taken { ", taken" } else { "" }
+        )?;
+    }
+    for warning in &report.warnings {
+        writeln!(out, "warning: {warning}")?;
+    }
+    Ok(())
+}

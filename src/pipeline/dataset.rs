@@ -3,9 +3,9 @@
 use crate::numerics::geometry::{Light, Projection, Sphere};
 use crate::numerics::image::{Image, RadianceImage};
 
-/// Everything a fit looks at.
+/// Where everything stands: a dataset without its radiance images.
 #[derive(Clone, Debug)]
-pub struct Dataset {
+pub struct Geometry {
     /// Image width, pixels.
     pub width: usize,
     /// Image height, pixels.
@@ -17,18 +17,25 @@ pub struct Dataset {
     /// True on the object; absent means everywhere the geometry says so.
     pub mask: Option<Image<bool>>,
     /// One entry a light position.
-    pub lights: Vec<LightImage>,
+    pub lights: Vec<NamedLight>,
     /// Samples with cos theta_i or cos theta_r at or below this are not used.
     pub cosine_cutoff: f64,
 }
 
-/// A light and the picture taken under it.
+/// A light and the name of the picture taken under it.
 #[derive(Clone, Debug)]
-pub struct LightImage {
-    /// Name for messages: the image's file name.
+pub struct NamedLight {
+    /// Image path relative to the dataset.
     pub name: String,
-    /// Position and strength of the light.
+    /// Position and strength.
     pub light: Light,
-    /// The radiance under it.
-    pub image: RadianceImage,
+}
+
+/// Everything a fit looks at.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// Camera, object, lights.
+    pub geometry: Geometry,
+    /// The radiance under each light, in the order of `geometry.lights`.
+    pub images: Vec<RadianceImage>,
 }

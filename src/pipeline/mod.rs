@@ -3,4 +3,7 @@ pub mod dataset;
 pub mod decode;
 pub mod develop;
 pub mod fit;
+pub mod identify;
+pub mod preview;
 pub mod relight;
+pub mod report;

@@ -1,6 +1,14 @@
-//! OpenEXR in and out: the only module that knows the `exr` crate.
+//! OpenEXR in and out: the only module that knows the `exr` crate. Files are uncompressed 32-bit float: noise fills the
+//! mantissas, and compression costs far more time than it saves space.
 
-use crate::numerics::image::RadianceImage;
+use crate::numerics::image::{Image, RadianceImage};
+use exr::meta::MetaData;
+use exr::meta::attribute::AttributeValue;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, ImageAttributes, IntegerBounds, Layer,
+    LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage,
+};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Why an EXR file cannot be read or written.
@@ -13,14 +21,227 @@ pub struct ExrError {
     pub reason: String,
 }
 
-/// Writes radiance (R G B), its variance (variance.R ...) and validity as uncompressed f32 with `origin` (x, y) of the crop
-/// inside a `full` (width, height) frame as the data window, and named text attributes.
+fn error(path: &Path, reason: impl Into<String>) -> ExrError {
+    ExrError { path: path.display().to_string(), reason: reason.into() }
+}
+
+/// Name of the one text attribute that carries what the pixels are; a single one, so that equal images give equal bytes.
+const ATTRIBUTE: &str = "rigd";
+
+/// Float planes of one size, named, somewhere inside a full frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planes {
+    /// Left column and top row inside the full frame.
+    pub origin: (usize, usize),
+    /// Width and height of the full frame, pixels.
+    pub full: (usize, usize),
+    /// Width and height of the planes, pixels.
+    pub size: (usize, usize),
+    /// Channel name and its pixels, row by row.
+    pub channels: Vec<(String, Vec<f32>)>,
+}
+
+impl Planes {
+    fn take(&mut self, name: &str) -> Option<Vec<f32>> {
+        let index = self.channels.iter().position(|(known, _)| known == name)?;
+        Some(self.channels.swap_remove(index).1)
+    }
+}
+
+/// Writes planes with a text that says what the pixels are.
+pub fn write_planes(path: &Path, planes: Planes, about: &str) -> Result<(), ExrError> {
+    let named = planes.channels.into_iter().map(|(name, pixels)| Ok((text(path, &name)?, pixels)));
+    let channels = named
+        .map(|channel| channel.map(|(name, pixels)| AnyChannel::new(name, FlatSamples::F32(pixels))))
+        .collect::<Result<_, ExrError>>()?;
+    let position = Vec2(signed(path, planes.origin.0)?, signed(path, planes.origin.1)?);
+    let attributes = LayerAttributes { layer_position: position, ..LayerAttributes::default() };
+    let layer =
+        Layer::new(Vec2(planes.size.0, planes.size.1), attributes, Encoding::UNCOMPRESSED, AnyChannels::sort(channels));
+    let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(planes.full.0, planes.full.1)));
+    shared.other = HashMap::from([(text(path, ATTRIBUTE)?, AttributeValue::Text(text(path, about)?))]);
+    ExrImage::new(shared, layer).write().to_file(path).map_err(|e| error(path, e.to_string()))
+}
+
+/// EXR text is one byte a character: what does not fit is written as its escape.
+fn text(path: &Path, text: &str) -> Result<Text, ExrError> {
+    let escaped: String =
+        text.chars().flat_map(|c| if c.is_ascii() { vec![c] } else { c.escape_unicode().collect() }).collect();
+    Text::new_or_none(&escaped).ok_or_else(|| error(path, format!("\"{escaped}\" cannot be stored as text")))
+}
+
+fn signed(path: &Path, value: usize) -> Result<i32, ExrError> {
+    i32::try_from(value).map_err(|_| error(path, "the image is too large"))
+}
+
+/// Reads the first layer of a file whose full frame must be `full` pixels.
+pub fn read_planes(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
+    let meta = MetaData::read_from_file(path, false).map_err(|e| error(path, e.to_string()))?;
+    let header = meta.headers.first().ok_or_else(|| error(path, "the file has no image"))?;
+    let window = header.shared_attributes.display_window;
+    let size = header.layer_size;
+    let at = header.own_attributes.layer_position;
+    let relative = Vec2(i64::from(at.0) - i64::from(window.position.0), i64::from(at.1) - i64::from(window.position.1));
+    if (window.size.0, window.size.1) != full {
+        return Err(error(
+            path,
+            format!("the image is {} x {} pixels, {} x {} expected", window.size.0, window.size.1, full.0, full.1),
+        ));
+    }
+    let origin = (usize::try_from(relative.0), usize::try_from(relative.1));
+    let (Ok(x), Ok(y)) = origin else { return Err(error(path, "its data begin outside its frame")) };
+    if x.saturating_add(size.0) > full.0 || y.saturating_add(size.1) > full.1 {
+        return Err(error(path, "its data reach outside its frame"));
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|e| error(path, e.to_string()))?;
+    let channels = image
+        .layer_data
+        .channel_data
+        .list
+        .into_iter()
+        .map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect()))
+        .collect();
+    Ok(Planes { origin: (x, y), full, size: (size.0, size.1), channels })
+}
+
+const COLOURS: [&str; 3] = ["R", "G", "B"];
+const VARIANCES: [&str; 3] = ["variance.R", "variance.G", "variance.B"];
+const VALID: &str = "valid";
+
+/// Writes radiance (R G B), its variance (variance.R ...) and validity (valid: 1 or 0) as uncompressed f32 with `origin`
+/// (x, y) of the crop inside a `full` (width, height) frame as the data window; `attributes` say what the pixels are.
 pub fn write_radiance(
-    _path: &Path,
-    _image: &RadianceImage,
-    _origin: (usize, usize),
-    _full: (usize, usize),
-    _attributes: &[(&str, String)],
+    path: &Path,
+    image: &RadianceImage,
+    origin: (usize, usize),
+    full: (usize, usize),
+    attributes: &[(&str, String)],
 ) -> Result<(), ExrError> {
-    unimplemented!("filled on the fit branch")
+    let mut channels = Vec::new();
+    split(&mut channels, COLOURS, &image.radiance);
+    if let Some(variance) = &image.variance {
+        split(&mut channels, VARIANCES, variance);
+    }
+    let valid = image.valid.pixels.iter().map(|&valid| f32::from(u8::from(valid))).collect();
+    channels.push((VALID.to_owned(), valid));
+    let about: Vec<String> = attributes.iter().map(|(key, value)| format!("{key}: {value}")).collect();
+    let planes = Planes { origin, full, size: (image.radiance.width, image.radiance.height), channels };
+    write_planes(path, planes, &about.join("\n"))
+}
+
+fn split(channels: &mut Vec<(String, Vec<f32>)>, names: [&str; 3], image: &Image<[f32; 3]>) {
+    for (c, name) in names.into_iter().enumerate() {
+        channels.push((name.to_owned(), image.pixels.iter().map(|pixel| pixel[c]).collect()));
+    }
+}
+
+/// Reads a radiance image as a full frame: R G B, or one channel Y for grey, with variance and validity where the file has
+/// them. Pixels outside the data window are invalid. NaN, infinite or negative radiance in a valid pixel is refused.
+pub fn read_radiance(path: &Path, full: (usize, usize)) -> Result<RadianceImage, ExrError> {
+    let mut planes = read_planes(path, full)?;
+    let names: Vec<String> = planes.channels.iter().map(|(name, _)| name.clone()).collect();
+    let colours = triple(&mut planes, COLOURS).or_else(|| planes.take("Y").map(|y| [y.clone(), y.clone(), y]));
+    let Some(colours) = colours else {
+        return Err(error(path, format!("it has the channels {}; R, G and B (or Y) are needed", names.join(", "))));
+    };
+    let variances = triple(&mut planes, VARIANCES);
+    let valid = planes.take(VALID);
+    let mut image = RadianceImage {
+        radiance: Image::filled(full.0, full.1, [0.0; 3]),
+        variance: variances.as_ref().map(|_| Image::filled(full.0, full.1, [0.0; 3])),
+        valid: Image::filled(full.0, full.1, false),
+    };
+    for row in 0..planes.size.1 {
+        for column in 0..planes.size.0 {
+            let from = row * planes.size.0 + column;
+            let (x, y) = (planes.origin.0 + column, planes.origin.1 + row);
+            let to = y * full.0 + x;
+            if valid.as_ref().is_some_and(|v| v[from] == 0.0) {
+                continue;
+            }
+            let pixel = [colours[0][from], colours[1][from], colours[2][from]];
+            check(path, "radiance", pixel, x, y)?;
+            image.radiance.pixels[to] = pixel;
+            image.valid.pixels[to] = true;
+            if let (Some(into), Some(v)) = (&mut image.variance, &variances) {
+                let variance = [v[0][from], v[1][from], v[2][from]];
+                check(path, "variance", variance, x, y)?;
+                into.pixels[to] = variance;
+            }
+        }
+    }
+    Ok(image)
+}
+
+fn triple(planes: &mut Planes, names: [&str; 3]) -> Option<[Vec<f32>; 3]> {
+    Some([planes.take(names[0])?, planes.take(names[1])?, planes.take(names[2])?])
+}
+
+fn check(path: &Path, what: &str, pixel: [f32; 3], x: usize, y: usize) -> Result<(), ExrError> {
+    match pixel.iter().find(|value| !value.is_finite() || **value < 0.0) {
+        None => Ok(()),
+        Some(value) => Err(error(
+            path,
+            format!(
+                "the {what} at column {x}, row {y} is {value}; values must be finite and not negative (mark bad pixels in a channel \"valid\")"
+            ),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn sample() -> RadianceImage {
+        let pixel = |i: usize| [i as f32 * 0.5, i as f32 + 0.25, 3.0];
+        RadianceImage {
+            radiance: Image { width: 4, height: 3, pixels: (0..12).map(pixel).collect() },
+            variance: Some(Image::filled(4, 3, [0.1, 0.2, 0.3])),
+            valid: Image { width: 4, height: 3, pixels: (0..12).map(|i| i != 5).collect() },
+        }
+    }
+
+    #[test]
+    fn a_crop_comes_back_in_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let image = sample();
+        write_radiance(&path, &image, (2, 1), (10, 8), &[("unit", "1".to_owned())]).unwrap();
+        let back = read_radiance(&path, (10, 8)).unwrap();
+        for y in 0..8 {
+            for x in 0..10 {
+                let inside = (2..6).contains(&x) && (1..4).contains(&y);
+                let valid = inside && *image.valid.at(x - 2, y - 1);
+                assert_eq!(*back.valid.at(x, y), valid);
+                if valid {
+                    assert_eq!(back.radiance.at(x, y), image.radiance.at(x - 2, y - 1));
+                    assert_eq!(back.variance.as_ref().unwrap().at(x, y), &[0.1, 0.2, 0.3]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_size_nan_and_missing_channels_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let mut image = sample();
+        write_radiance(&path, &image, (0, 0), (4, 3), &[]).unwrap();
+        assert!(read_radiance(&path, (5, 3)).unwrap_err().to_string().contains("4 x 3"));
+        image.radiance.pixels[6][1] = f32::NAN;
+        write_radiance(&path, &image, (0, 0), (4, 3), &[]).unwrap();
+        assert!(read_radiance(&path, (4, 3)).unwrap_err().to_string().contains("column 2, row 1"));
+        let planes = Planes { origin: (0, 0), full: (1, 1), size: (1, 1), channels: vec![("Q".to_owned(), vec![1.0])] };
+        write_planes(&path, planes, "").unwrap();
+        assert!(read_radiance(&path, (1, 1)).unwrap_err().to_string().contains('Q'));
+    }
 }

@@ -1,0 +1,182 @@
+//! What a fit says of itself: `report.json` and `material.json` (CONTRACT.md, METHOD 8).
+
+use crate::numerics::fit::Mixture;
+use crate::numerics::fit::selection::Candidate;
+use serde::{Deserialize, Serialize};
+
+/// Seconds of wall time a stage took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Seconds {
+    /// Reading the dataset; filled by who read it.
+    pub load: f64,
+    /// Gathering samples.
+    pub observe: f64,
+    /// Choosing the number of materials and the start of the fit.
+    pub initialise: f64,
+    /// Solving, standard errors and judging.
+    pub fit: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// A number of materials that was tried.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidateReport {
+    /// Number of materials.
+    pub materials: usize,
+    /// Mean relative error on left-out lights.
+    pub left_out_relative_error: f64,
+    /// True for the one taken.
+    pub taken: bool,
+}
+
+impl From<&Candidate> for CandidateReport {
+    fn from(candidate: &Candidate) -> Self {
+        Self {
+            materials: candidate.materials,
+            left_out_relative_error: candidate.left_out_relative_error,
+            taken: candidate.taken,
+        }
+    }
+}
+
+/// `report.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Object points used.
+    pub pixels: usize,
+    /// Samples used: point under light, all three channels.
+    pub samples: usize,
+    /// Number of materials.
+    pub materials: usize,
+    /// BRDF model.
+    pub model: String,
+    /// Solver.
+    pub solver: String,
+    /// Rule of the weights.
+    pub weights: String,
+    /// Objective.
+    pub objective: String,
+    /// Mean of |I - model| / I over used samples and channels.
+    pub mean_relative_error: f64,
+    /// The same on samples with a half angle below 6 degrees.
+    pub highlight_relative_error: Option<f64>,
+    /// The same on the lights left out.
+    pub left_out_relative_error: Option<f64>,
+    /// The same on the highlight samples of the lights left out.
+    pub left_out_highlight_relative_error: Option<f64>,
+    /// Indices of the lights left out.
+    pub left_out: Vec<usize>,
+    /// Weighted squared residuals, summed.
+    pub cost: f64,
+    /// Chi^2 (noise and model floor) over degrees of freedom.
+    pub reduced_chi2: f64,
+    /// Alternations.
+    pub iterations: usize,
+    /// Why the solver ended: `converged` or `iteration limit`.
+    pub termination: String,
+    /// Wall time.
+    pub seconds: Seconds,
+    /// Processor time of the process while loading and fitting, seconds.
+    pub cpu_seconds: f64,
+    /// Least cosine of incidence and of reflection of a used sample.
+    pub cosine_cutoff: f64,
+    /// Lit, visible samples without a usable value: clipped, too dark, or masked.
+    pub unusable_samples: usize,
+    /// Numbers of materials tried, when left-out lights had to decide.
+    pub candidates: Vec<CandidateReport>,
+    /// What a reader must know before trusting the figures.
+    pub warnings: Vec<String>,
+}
+
+/// How well the data determine a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Identified {
+    /// Measured.
+    Identified,
+    /// Measured poorly; see the reason.
+    Weak,
+    /// Not determined by the data; the value only completes the model.
+    Unidentified,
+}
+
+/// A fitted parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Its value.
+    pub value: f64,
+    /// Its standard error; none when it did not move with the data.
+    pub standard_error: Option<f64>,
+    /// How well the data determine it.
+    pub identified: Identified,
+    /// Why it is weak or unidentified.
+    pub reason: Option<String>,
+}
+
+/// One material of `material.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MaterialReport {
+    /// Part of the object's weighted diffuse albedo, 0 to 1.
+    pub share: f64,
+    /// Diffuse albedo per channel.
+    pub rho_d: Vec<Parameter>,
+    /// Specular albedo per channel; empty for a model without a lobe.
+    pub rho_s: Vec<Parameter>,
+    /// Roughness; none for a model without a lobe.
+    pub beta: Option<Parameter>,
+}
+
+/// Where a result comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Program and version.
+    pub software: String,
+    /// Images the material was fitted to.
+    pub images: Vec<String>,
+    /// True when the frames came from a simulated rig.
+    pub simulated: bool,
+}
+
+/// `material.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MaterialFile {
+    /// Version of this file's shape.
+    pub format: u32,
+    /// BRDF model.
+    pub model: String,
+    /// What was pinned to make the parameters unique.
+    pub gauge: String,
+    /// Materials in the order of the channels of `weights.exr`.
+    pub materials: Vec<MaterialReport>,
+    /// Width and height of the weight map, pixels.
+    pub size: [usize; 2],
+    /// Where it comes from.
+    pub provenance: Provenance,
+}
+
+/// The gauge every result is in.
+pub const GAUGE: &str = "max gamma = 1 per material; materials ordered by share";
+
+impl MaterialFile {
+    /// The BRDF parameters alone.
+    pub fn materials(&self) -> Vec<crate::numerics::brdf::Material> {
+        let triple = |list: &[Parameter]| std::array::from_fn(|c| list.get(c).map_or(0.0, |p| p.value));
+        self.materials
+            .iter()
+            .map(|m| crate::numerics::brdf::Material {
+                rho_d: triple(&m.rho_d),
+                rho_s: triple(&m.rho_s),
+                beta: m.beta.as_ref().map_or(1.0, |p| p.value),
+            })
+            .collect()
+    }
+}
+
+/// Part of the object each material makes up.
+pub(crate) fn shares(mixture: &Mixture) -> Vec<f64> {
+    let share: Vec<f64> =
+        (0..mixture.materials.len()).map(|m| crate::numerics::fit::gauge::share_of(mixture, m)).collect();
+    let total: f64 = share.iter().sum();
+    share.iter().map(|s| if total > 0.0 { s / total } else { 0.0 }).collect()
+}
