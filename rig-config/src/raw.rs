@@ -177,7 +177,7 @@ pub(crate) struct RawObject {
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawPlan {
     /// Light stations: arm angles, degrees, in shooting order.
-    #[schemars(length(min = 1, max = 720), inner(range(min = -360, max = 360)))]
+    #[schemars(length(min = 1, max = 1000), inner(range(min = -360, max = 360)))]
     pub stations_deg: Vec<f64>,
     /// The bracket: shutter labels as the body writes them (1/100, 0.6, 15), in shooting order.
     #[schemars(length(min = 1, max = 55))]
