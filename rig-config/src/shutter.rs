@@ -48,13 +48,18 @@ const HALF_STOPS: &[(&str, &str)] = &[
 ];
 
 impl Shutter {
+    /// Every label that [`Shutter::from_label`] takes, longest time first.
+    pub fn labels() -> impl Iterator<Item = &'static str> {
+        THIRD_STOPS.split_whitespace()
+    }
+
     /// The shutter speed of a third-stop label: true time 2^(k/3) s with k = round(3 log2 nominal).
     pub fn from_label(label: &str) -> Result<Self, ShutterError> {
         if let Some((_, near)) = HALF_STOPS.iter().find(|(half, _)| *half == label) {
             return Err(ShutterError::HalfStop(label.into(), near));
         }
         let unknown = || ShutterError::Unknown(label.chars().take(40).collect());
-        if !THIRD_STOPS.split_whitespace().any(|known| known == label) {
+        if !Self::labels().any(|known| known == label) {
             return Err(unknown());
         }
         let nominal_s = seconds(label).ok_or_else(unknown)?;

@@ -13,17 +13,32 @@ use serde_json::Value;
 use std::convert::Infallible;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 /// Events on their way to one client; a slow one makes its own stream wait and nobody else's.
 const IN_FLIGHT: usize = 64;
+
+/// Largest sequence number asked for: beyond it JSON readers lose digits.
+const LARGEST_SEQ: u64 = 9_007_199_254_740_991;
+
+/// One event as it is sent.
+#[derive(ToSchema)]
+#[allow(dead_code, reason = "only its schema is used")]
+struct SentEvent {
+    /// Sequence number of the journal record.
+    id: String,
+    /// Type of the record: `session.state`, `frame.committed`, ...
+    event: String,
+    /// The record, JSON.
+    data: String,
+}
 
 #[derive(Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(super) struct After {
     /// Send only events with a sequence number above this; Last-Event-ID wins over it.
-    #[param(minimum = 0, required = false, nullable = false)]
+    #[param(minimum = 0, maximum = 9_007_199_254_740_991_u64, required = false, nullable = false)]
     after: Option<u64>,
 }
 
@@ -34,9 +49,9 @@ pub(super) struct After {
 /// answered 204, which tells a browser's EventSource to stop.
 #[utoipa::path(get, path = "/v1/sessions/{id}/events", tag = "sessions",
     params(("id" = String, Path, description = "Session id."), After,
-        ("Last-Event-ID" = Option<u64>, Header, minimum = 0, description = "Id of the last event received.")),
+        ("Last-Event-ID" = Option<u64>, Header, nullable = false, minimum = 0, maximum = 9_007_199_254_740_991_u64, description = "Id of the last event received.")),
     responses(
-        (status = 200, body = String, content_type = "text/event-stream", description = "The events."),
+        (status = 200, body = SentEvent, content_type = "text/event-stream", description = "The events."),
         (status = 204, description = "The session has ended and nothing follows."),
         (status = 400, description = "Last-Event-ID or `after` is no sequence number."),
         (status = 404, description = "No such session."),
@@ -47,12 +62,17 @@ pub(super) async fn events(
     Query(query): Query<After>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let after = match headers.get("last-event-id") {
-        Some(value) => value.to_str().ok().and_then(|text| text.parse().ok()).ok_or_else(|| {
-            Problem::bad_request("Last-Event-ID is no sequence number: send the id of an event of this session")
-        })?,
-        None => query.after.unwrap_or(0),
+    let refuse = || {
+        Problem::bad_request("Last-Event-ID or after is no sequence number: send the id of an event of this session")
     };
+    let in_query = query.after.unwrap_or(0);
+    let after = match headers.get("last-event-id") {
+        Some(value) => value.to_str().ok().and_then(|text| text.parse().ok()).ok_or_else(refuse)?,
+        None => in_query,
+    };
+    if after.max(in_query) > LARGEST_SEQ {
+        return Err(refuse());
+    }
     let asked = id.clone();
     let snapshot = ask(&state, move |engine| engine.session(&asked)).await?;
     if snapshot.state.is_final() && snapshot.last_seq <= after {

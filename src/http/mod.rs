@@ -16,6 +16,7 @@ pub use problem::Problem;
 use crate::session::handle::EngineHandle;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
+use rig_config::Rig;
 use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -28,10 +29,8 @@ const LARGEST_BODY: usize = 64 << 10;
 pub struct HttpState {
     /// The engine.
     pub engine: EngineHandle,
-    /// Name of the rig.
-    pub rig_name: Arc<str>,
-    /// True when arm or camera is simulated.
-    pub simulated: bool,
+    /// The rig it drives.
+    pub rig: Arc<Rig>,
     /// Cancelled when the daemon ends: open event streams end with it.
     pub shutdown: CancellationToken,
 }
@@ -50,7 +49,7 @@ pub enum ServeError {
 /// All routes.
 pub fn router(state: HttpState) -> Router {
     let (routes, spec) = openapi::routes().split_for_parts();
-    let spec = openapi::finish(spec);
+    let spec = openapi::finish(spec, &state.rig);
     routes
         .merge(page::routes())
         .route("/openapi.json", axum::routing::get(move || async move { openapi::answer(spec) }))

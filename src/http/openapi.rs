@@ -3,10 +3,12 @@
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
 use axum::response::{IntoResponse, Response};
+use rig_config::{Rig, Shutter};
 use utoipa::OpenApi;
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::response::ResponseBuilder;
+use utoipa::openapi::schema::{ArrayItems, Schema};
 use utoipa::openapi::{self, Ref, RefOr};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -25,6 +27,9 @@ use utoipa_axum::routes;
     )
 )]
 struct Document;
+
+/// Most light stations of a session.
+const MAX_STATIONS: usize = 1000;
 
 /// Problems any operation may answer with.
 const ANYWHERE: &[(&str, &str)] = &[
@@ -53,13 +58,36 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
 }
 
 /// Gives every refusal its body: handlers name statuses only, because all refusals are problems.
-pub(super) fn finish(mut spec: openapi::OpenApi) -> openapi::OpenApi {
+pub(super) fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
     for path in spec.paths.paths.values_mut() {
         for operation in [&mut path.get, &mut path.post].into_iter().flatten() {
             complete(operation);
         }
     }
+    if let Some(components) = &mut spec.components {
+        for request in ["StartRequest", "FitRequest"] {
+            bound_lists(components.schemas.get_mut(request), rig);
+        }
+    }
     spec
+}
+
+/// What the lists of a request may hold on this rig, which types alone do not say.
+fn bound_lists(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
+    let Some(RefOr::T(Schema::Object(request))) = request else { return };
+    let [lower, upper] = rig.arm.travel_deg;
+    for (key, property) in &mut request.properties {
+        let RefOr::T(Schema::Array(list)) = property else { continue };
+        list.unique_items = true;
+        let ArrayItems::RefOrSchema(items) = &mut list.items else { continue };
+        let RefOr::T(Schema::Object(item)) = items.as_mut() else { continue };
+        match key.as_str() {
+            "exposures" => item.enum_values = Some(Shutter::labels().map(Into::into).collect()),
+            "stations_deg" => (item.minimum, item.maximum) = (Some(lower.into()), Some(upper.into())),
+            "leave_out" => item.maximum = Some(MAX_STATIONS.into()),
+            _ => {}
+        }
+    }
 }
 
 fn complete(operation: &mut Operation) {

@@ -66,7 +66,19 @@ impl Problem {
         Self::new(StatusCode::BAD_REQUEST, "bad-request", "The request cannot be understood", detail)
     }
 
-    /// Nothing there (yet).
+    /// A body that is JSON but not what is asked for.
+    pub(super) fn wrong_body(detail: &str) -> Self {
+        let problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, "wrong-body", "The body is refused", detail);
+        Self { reasons: Some(vec![detail.into()]), ..problem }
+    }
+
+    /// Something a session does not have in its present state.
+    pub(super) fn not_yet(state: SessionState, detail: impl fmt::Display) -> Self {
+        let problem = Self::new(StatusCode::CONFLICT, "not-yet", "Not there in this state", detail);
+        Self { current_state: Some(state), ..problem }
+    }
+
+    /// Nothing there.
     pub(super) fn not_found(detail: impl fmt::Display) -> Self {
         Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
     }
@@ -141,9 +153,12 @@ impl From<JsonRejection> for Problem {
                 let detail = format!("the body is larger than {} bytes", super::LARGEST_BODY);
                 Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Body too large", detail)
             }
+            // The line and column would be those of our own normal form of the body, not of the client's text.
             StatusCode::UNPROCESSABLE_ENTITY => {
-                let problem = Self::new(StatusCode::UNPROCESSABLE_ENTITY, "wrong-body", "The body is refused", &detail);
-                Self { reasons: Some(vec![detail]), ..problem }
+                let detail = detail
+                    .strip_prefix("Failed to deserialize the JSON body into the target type: ")
+                    .unwrap_or(&detail);
+                Self::wrong_body(detail.rsplit_once(" at line ").map_or(detail, |(what, _)| what))
             }
             _ => Self::bad_request(detail),
         }

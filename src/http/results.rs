@@ -46,7 +46,8 @@ pub(super) async fn frames(
     responses(
         (status = 200, body = Object, description = "Material and report."),
         (status = 400, description = "The path is no UTF-8."),
-        (status = 404, description = "No such session, or no material yet (then with `current_state`)."),
+        (status = 404, description = "No such session."),
+        (status = 409, description = "No material in `current_state`."),
     ))]
 pub(super) async fn material(
     State(state): State<HttpState>,
@@ -87,6 +88,12 @@ enum ResultName {
     Preview,
 }
 
+/// Bytes of an image.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code, reason = "only its schema is used")]
+struct Binary(Vec<u8>);
+
 #[derive(Deserialize)]
 pub(super) struct FilePath {
     name: String,
@@ -97,9 +104,10 @@ pub(super) struct FilePath {
     params(("id" = String, Path, description = "Session id."), ("name" = inline(ResultName), Path, description = "Name of the file.")),
     responses(
         (status = 200, description = "The file.", content(
-            (Object = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "image/x-exr"))),
+            (Object = "application/json"), (Binary = "image/png"), (Binary = "image/x-exr"))),
         (status = 400, description = "The path is no UTF-8."),
-        (status = 404, description = "No such session or file, or no result yet (then with `current_state`)."),
+        (status = 404, description = "No such session, or no file of that name."),
+        (status = 409, description = "No result in `current_state`."),
     ))]
 pub(super) async fn file(
     State(state): State<HttpState>,
@@ -164,16 +172,12 @@ pub(super) async fn refit(
     Ok((StatusCode::ACCEPTED, axum::Json(snapshot)))
 }
 
-/// 404 for something a session does not have yet, with its state.
+/// Refusal for something a session does not have, with its state.
 async fn nothing_yet(state: &HttpState, id: String, what: &str) -> Problem {
     match ask(state, move |engine| engine.session(&id)).await {
-        Ok(snapshot) => Problem {
-            current_state: Some(snapshot.state),
-            ..Problem::not_found(format!(
-                "session {} has no {what}: it is there once a fit has ended well",
-                snapshot.id
-            ))
-        },
+        Ok(SessionSnapshot { id, state, .. }) => {
+            Problem::not_yet(state, format!("session {id} has no {what}: it is there once a fit has ended well"))
+        }
         Err(problem) => problem,
     }
 }

@@ -26,8 +26,8 @@ pub(super) struct RigStatus {
 pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<RigStatus>, Problem> {
     let reasons = ask(&state, |engine| Ok(engine.readiness())).await?.err().unwrap_or_default();
     Ok(axum::Json(RigStatus {
-        name: state.rig_name.to_string(),
-        simulated: state.simulated,
+        name: state.rig.name.clone(),
+        simulated: state.rig.simulation.is_some(),
         version: env!("CARGO_PKG_VERSION").into(),
         ready: reasons.is_empty(),
         reasons,

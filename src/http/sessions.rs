@@ -29,7 +29,7 @@ pub(super) struct StartOptions {
 /// Everything the body leaves out comes from the rig file: `{}` starts the rig's own plan. The answer comes before anything
 /// moves; follow the session at its Location.
 #[utoipa::path(post, path = "/v1/sessions", tag = "sessions", request_body = StartRequest,
-    params(StartOptions, ("Idempotency-Key" = Option<String>, Header, min_length = 1, max_length = 200, pattern = "^[!-~]+$",
+    params(StartOptions, ("Idempotency-Key" = Option<String>, Header, nullable = false, min_length = 1, max_length = 200, pattern = "^[!-~]+$",
         description = "The same key with the same body answers with the same session instead of starting another.")),
     responses(
         (status = 202, body = SessionSnapshot, description = "Accepted; an earlier session if the Idempotency-Key was used before.",
