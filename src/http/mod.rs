@@ -1,1 +1,89 @@
+//! The REST surface: routes, JSON bodies, problem details, the event stream, metrics and the page. It knows the engine's
+//! handle and nothing of devices, pipeline or disk layout.
+mod events;
+mod extract;
+mod guard;
+mod metrics;
+mod openapi;
+mod page;
+mod problem;
+mod results;
+mod rig;
+mod sessions;
 
+pub use problem::Problem;
+
+use crate::session::handle::EngineHandle;
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use rig_config::Rig;
+use std::sync::Arc;
+use tokio_util::sync::CancellationToken;
+use tower_http::catch_panic::CatchPanicLayer;
+
+/// Largest request body, bytes: a plan of 1000 stations takes 20 000.
+const LARGEST_BODY: usize = 64 << 10;
+
+/// What every handler sees.
+#[derive(Clone)]
+pub struct HttpState {
+    /// The engine.
+    pub engine: EngineHandle,
+    /// The rig it drives.
+    pub rig: Arc<Rig>,
+    /// Cancelled when the daemon ends: open event streams end with it.
+    pub shutdown: CancellationToken,
+}
+
+/// Why the daemon cannot serve.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The listener can be reached from other machines.
+    #[error("{0} is no loopback address, and the daemon knows no passwords: listen on 127.0.0.1")]
+    NotLoopback(std::net::IpAddr),
+    /// The listener failed.
+    #[error("cannot serve: {0}")]
+    Io(#[from] std::io::Error),
+}
+
+/// All routes.
+pub fn router(state: HttpState) -> Router {
+    let (routes, spec) = openapi::routes().split_for_parts();
+    let spec = openapi::finish(spec, &state.rig);
+    routes
+        .merge(page::routes())
+        .route("/openapi.json", axum::routing::get(move || async move { openapi::answer(spec) }))
+        .fallback(problem::no_route)
+        .method_not_allowed_fallback(problem::wrong_method)
+        .layer(DefaultBodyLimit::max(LARGEST_BODY))
+        .layer(axum::middleware::from_fn(guard::loopback_host))
+        .layer(axum::middleware::from_fn(guard::instance))
+        .layer(CatchPanicLayer::custom(problem::panicked))
+        .with_state(state)
+}
+
+/// Serves until `state.shutdown` is cancelled and the open requests are answered.
+///
+/// # Errors
+/// The listener is not on a loopback address, or fails.
+pub async fn serve(listener: tokio::net::TcpListener, state: HttpState) -> Result<(), ServeError> {
+    let ip = listener.local_addr()?.ip();
+    if !ip.is_loopback() {
+        return Err(ServeError::NotLoopback(ip));
+    }
+    let shutdown = state.shutdown.clone();
+    axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.cancelled_owned()).await?;
+    Ok(())
+}
+
+/// Asks the engine outside the async threads: its answer may wait for the disk.
+async fn ask<T: Send + 'static>(
+    state: &HttpState,
+    question: impl FnOnce(&EngineHandle) -> Result<T, crate::session::handle::EngineError> + Send + 'static,
+) -> Result<T, Problem> {
+    let engine = state.engine.clone();
+    match tokio::task::spawn_blocking(move || question(&engine)).await {
+        Ok(answer) => answer.map_err(Problem::from),
+        Err(_) => Err(Problem::internal()),
+    }
+}

@@ -1,0 +1,211 @@
+//! What no single key shows: keys that contradict each other. Each check runs as soon as the keys it needs are sound by
+//! themselves, so that one mistake never hides another.
+
+use crate::Shutter;
+use crate::read::Reason;
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use toml::Value;
+
+/// Appends every contradiction to `reasons`, which holds what is wrong with single keys.
+pub(crate) fn check(file: &Value, reasons: &mut Vec<Reason>) {
+    let view = View { file, refused: reasons.iter().map(|r| r.key.clone()).collect() };
+    let mut found = Found(Vec::new());
+    drivers(&view, &mut found);
+    travel(&view, &mut found);
+    plan(&view, &mut found);
+    light_circle(&view, &mut found);
+    sphere_in_view(&view, &mut found);
+    listen(&view, &mut found);
+    reasons.append(&mut found.0);
+}
+
+struct Found(Vec<Reason>);
+
+impl Found {
+    fn refuse(&mut self, key: impl Into<String>, what: impl Into<String>) {
+        self.0.push(Reason { key: key.into(), what: what.into() });
+    }
+}
+
+/// The file's values, less those refused already.
+struct View<'a> {
+    file: &'a Value,
+    refused: Vec<String>,
+}
+
+impl<'a> View<'a> {
+    fn raw(&self, path: &str) -> Option<&'a Value> {
+        path.split('.').try_fold(self.file, |at, key| at.as_table()?.get(key))
+    }
+
+    fn value(&self, path: &str) -> Option<&'a Value> {
+        let inside = |key: &String| key.strip_prefix(path).is_some_and(|rest| rest.is_empty() || rest.starts_with('['));
+        if self.refused.iter().any(inside) { None } else { self.raw(path) }
+    }
+
+    fn number(&self, path: &str) -> Option<f64> {
+        as_number(self.value(path)?)
+    }
+
+    fn text(&self, path: &str) -> Option<&'a str> {
+        self.value(path)?.as_str()
+    }
+
+    fn numbers<const N: usize>(&self, path: &str) -> Option<[f64; N]> {
+        let all: Option<Vec<f64>> = self.value(path)?.as_array()?.iter().map(as_number).collect();
+        all?.try_into().ok()
+    }
+
+    /// The sound entries of a list with their indices.
+    fn entries(&self, path: &str) -> Vec<(usize, &'a Value)> {
+        if self.refused.iter().any(|key| key == path) {
+            return Vec::new();
+        }
+        let items = self.raw(path).and_then(Value::as_array).into_iter().flatten().enumerate();
+        items.filter(|(i, _)| !self.refused.contains(&format!("{path}[{i}]"))).collect()
+    }
+}
+
+fn as_number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|i| i as f64))
+}
+
+/// Keys that belong to one driver, and the simulation that belongs to the simulated ones.
+fn drivers(view: &View, found: &mut Found) {
+    let (arm, camera) = (view.text("arm.driver"), view.text("camera.driver"));
+    let mut needs = |driver: Option<&str>, name: &str, path: &str, takes: &[&str], required: bool| {
+        let Some(driver) = driver else { return };
+        let present = view.raw(path).is_some();
+        if present && !takes.contains(&driver) {
+            let only = takes.join(" or ");
+            found
+                .refuse(path, format!("has no meaning with {name}.driver = \"{driver}\": remove it, or choose {only}"));
+        } else if required && !present && takes.contains(&driver) {
+            found.refuse(path, format!("missing: {name}.driver = \"{driver}\" needs it"));
+        }
+    };
+    needs(arm, "arm", "arm.port", &["rigproto", "grbl"], true);
+    needs(camera, "camera", "camera.model", &["gphoto2"], false);
+    needs(camera, "camera", "camera.port", &["gphoto2"], false);
+    needs(camera, "camera", "camera.directory", &["replay"], true);
+    let simulated = [arm, camera].contains(&Some("simulated"));
+    let present = view.raw("simulation").is_some();
+    if simulated && !present {
+        found.refuse("simulation", "missing: a simulated driver needs the section (scene, seed, speed)");
+    } else if present && !simulated && arm.is_some() && camera.is_some() {
+        found.refuse("simulation", "no driver is simulated: remove the section, or choose driver = \"simulated\"");
+    }
+}
+
+fn travel(view: &View, found: &mut Found) {
+    let Some([lower, upper]) = view.numbers("arm.travel_deg") else { return };
+    if lower >= upper {
+        found.refuse(
+            "arm.travel_deg",
+            format!("lower angle {lower} is not below upper angle {upper}: swap or widen them"),
+        );
+        return;
+    }
+    let outside = |x: f64| x < lower || x > upper;
+    if let Some(park) = view.number("arm.park_deg").filter(|park| outside(*park)) {
+        found.refuse("arm.park_deg", format!("{park} is outside arm.travel_deg [{lower}, {upper}]: park inside it"));
+    }
+    for (i, station) in view.entries("plan.stations_deg") {
+        if let Some(x) = as_number(station).filter(|x| outside(*x)) {
+            let what = format!("{x} is outside arm.travel_deg [{lower}, {upper}]: move the station inside it");
+            found.refuse(format!("plan.stations_deg[{i}]"), what);
+        }
+    }
+}
+
+/// Labels that are no shutter speed, and entries that say the same twice.
+fn plan(view: &View, found: &mut Found) {
+    let mut seen: HashMap<u64, usize> = HashMap::new();
+    for (i, station) in view.entries("plan.stations_deg") {
+        // Adding zero makes -0 and 0 the same angle.
+        let Some(x) = as_number(station).map(|x| x + 0.0) else { continue };
+        if let Some(first) = seen.insert(x.to_bits(), i) {
+            found.refuse(
+                format!("plan.stations_deg[{i}]"),
+                format!("{x} is plan.stations_deg[{first}] again: remove one"),
+            );
+        }
+    }
+    let mut seen: HashMap<u64, usize> = HashMap::new();
+    for (i, label) in view.entries("plan.exposures") {
+        let key = format!("plan.exposures[{i}]");
+        match label.as_str().map(Shutter::from_label) {
+            Some(Err(reason)) => found.refuse(key, reason.to_string()),
+            Some(Ok(shutter)) => {
+                if let Some(first) = seen.insert(shutter.true_s.to_bits(), i) {
+                    let what = format!("`{}` opens as long as plan.exposures[{first}]: remove one", shutter.label);
+                    found.refuse(key, what);
+                }
+            }
+            None => {}
+        }
+    }
+}
+
+/// The lamp's circle is horizontal; its nearest point must stay outside the object.
+fn light_circle(view: &View, found: &mut Found) {
+    let centers = (view.numbers::<3>("lamp.circle_center_mm"), view.numbers::<3>("object.center_mm"));
+    let (Some(circle), Some(object)) = centers else { return };
+    let radii = (view.number("lamp.circle_radius_mm"), view.number("object.radius_mm"));
+    let (Some(circle_radius), Some(radius)) = radii else { return };
+    let in_plane = (circle[0] - object[0]).hypot(circle[2] - object[2]);
+    let nearest = (circle_radius - in_plane).abs().hypot(circle[1] - object[1]);
+    if nearest <= radius {
+        let what = format!(
+            "the light's circle comes within {nearest:.1} mm of the object's centre, inside its radius of {radius} mm: \
+             enlarge the circle or move it"
+        );
+        found.refuse("lamp.circle_radius_mm", what);
+    }
+}
+
+/// The object lies in front of the camera, and its whole outline in the frame (the distortion left out).
+fn sphere_in_view(view: &View, found: &mut Found) {
+    let (Some([x, y, z]), Some(radius)) = (view.numbers("object.center_mm"), view.number("object.radius_mm")) else {
+        return;
+    };
+    if z <= radius {
+        let what =
+            format!("z = {z} mm does not put the whole object (radius {radius} mm) before the camera: increase z");
+        found.refuse("object.center_mm", what);
+        return;
+    }
+    let optics = (view.numbers::<2>("camera.focal_px"), view.numbers::<2>("camera.principal_px"));
+    let (Some(focal), Some(principal)) = optics else { return };
+    for (axis, offset, size_key) in [(0, x, "width"), (1, y, "height")] {
+        let Some(size) = view.number(&format!("camera.{size_key}")) else { continue };
+        // Planes through the other axis that touch the sphere bound the outline exactly.
+        let (middle, half) = (offset.atan2(z), (radius / offset.hypot(z)).asin());
+        let edges = [middle - half, middle + half].map(|angle| principal[axis] + focal[axis] * angle.tan());
+        if edges[0] < 0.0 || edges[1] > size {
+            let what = format!(
+                "the object's outline spans {} {:.0} to {:.0} px, outside the camera's view of 0 to {size} px: move the object, \
+                 or correct camera.focal_px, camera.principal_px or camera.{size_key}",
+                ["x", "y"][axis],
+                edges[0],
+                edges[1]
+            );
+            found.refuse("object.center_mm", what);
+        }
+    }
+}
+
+fn listen(view: &View, found: &mut Found) {
+    let Some(text) = view.text("server.listen") else { return };
+    match text.parse::<SocketAddr>() {
+        Err(_) => {
+            found.refuse("server.listen", format!("`{text}` is no ADDRESS:PORT: write for example 127.0.0.1:7040"))
+        }
+        Ok(address) if !address.ip().is_loopback() => found.refuse(
+            "server.listen",
+            format!("{} is no loopback address, and the daemon knows no passwords: write 127.0.0.1", address.ip()),
+        ),
+        Ok(_) => {}
+    }
+}

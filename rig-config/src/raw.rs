@@ -1,0 +1,259 @@
+//! The rig file as it is written. These types are the one owner of key names, types, bounds and defaults: the reader checks
+//! against the schema derived from them, and `rigd config schema` prints it.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// JSON Schema (draft 2020-12) of the rig file.
+pub fn json_schema() -> serde_json::Value {
+    SCHEMA.clone()
+}
+
+/// The schema, made once; no `$ref`, so that it can be walked beside the file.
+pub(crate) static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(|| {
+    let mut settings = schemars::generate::SchemaSettings::draft2020_12();
+    settings.inline_subschemas = true;
+    settings.into_generator().into_root_schema_for::<RawRig>().to_value()
+});
+
+/// A capture rig: the arm that carries the lamp, the camera, the object, and what an acquisition does.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "rigd rig file")]
+pub(crate) struct RawRig {
+    /// Name for people and manifests.
+    #[schemars(length(min = 1, max = 100))]
+    pub name: String,
+    pub arm: RawArm,
+    pub lamp: RawLamp,
+    pub camera: RawCamera,
+    pub object: RawObject,
+    pub plan: RawPlan,
+    pub fit: RawFit,
+    pub storage: RawStorage,
+    #[serde(default)]
+    pub server: RawServer,
+    pub simulation: Option<RawSimulation>,
+}
+
+#[derive(Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawArmDriver {
+    Rigproto,
+    Grbl,
+    Simulated,
+}
+
+/// The motorised arm that carries the lamp.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawArm {
+    /// How the arm is reached.
+    pub driver: RawArmDriver,
+    /// Serial device, best under /dev/serial/by-id; for rigproto and grbl.
+    #[schemars(length(min = 1, max = 4096))]
+    pub port: Option<String>,
+    /// Line speed, baud.
+    #[serde(default = "default_baud")]
+    #[schemars(range(min = 1200, max = 4_000_000))]
+    pub baud: u32,
+    /// Greatest speed, degrees per second.
+    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    pub speed_deg_s: f64,
+    /// Acceleration, degrees per second squared.
+    #[schemars(range(max = 10000), extend("exclusiveMinimum" = 0))]
+    pub acceleration_deg_s2: f64,
+    /// Permitted angles, degrees: lower, upper.
+    #[schemars(inner(range(min = -360, max = 360)))]
+    pub travel_deg: [f64; 2],
+    /// A station is reached when the arm's status is this close, degrees.
+    #[schemars(range(max = 10), extend("exclusiveMinimum" = 0))]
+    pub tolerance_deg: f64,
+    /// Wait after every move before the first exposure, seconds.
+    #[schemars(range(min = 0, max = 600))]
+    pub settle_s: f64,
+    /// Where the arm rests after a session, degrees.
+    #[schemars(range(min = -360, max = 360))]
+    pub park_deg: f64,
+    /// Longest time homing may take, seconds.
+    #[schemars(range(max = 3600), extend("exclusiveMinimum" = 0))]
+    pub home_timeout_s: f64,
+}
+
+fn default_baud() -> u32 {
+    115_200
+}
+
+/// The lamp: level, warm-up, and geometry of its circle.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawLamp {
+    /// Level during a session, permille of full.
+    #[schemars(range(min = 1, max = 1000))]
+    pub level_permille: u16,
+    /// Warm-up before the first exposure, seconds.
+    #[schemars(range(min = 0, max = 86400))]
+    pub soak_s: f64,
+    /// Centre of the circle the lamp travels on, camera frame (x right, y down, z away), mm.
+    #[schemars(inner(range(min = -1.0e5, max = 1.0e5)))]
+    pub circle_center_mm: [f64; 3],
+    /// Radius of that circle, mm.
+    #[schemars(range(max = 1.0e5), extend("exclusiveMinimum" = 0))]
+    pub circle_radius_mm: f64,
+    /// Radiant intensity (red, green, blue), radiance units x mm^2: irradiance at distance d (mm) is intensity / d^2.
+    #[schemars(inner(range(min = 1.0e-12, max = 1.0e12)))]
+    pub intensity: [f64; 3],
+}
+
+#[derive(Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawCameraDriver {
+    Gphoto2,
+    Replay,
+    Simulated,
+}
+
+/// The camera: driver, optics (pinhole, camera frame), sensor.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawCamera {
+    /// How the camera is reached.
+    pub driver: RawCameraDriver,
+    /// Model as libgphoto2 spells it; for gphoto2, any body if left out.
+    #[schemars(length(min = 1, max = 200))]
+    pub model: Option<String>,
+    /// Port as libgphoto2 spells it (`usb:001,005`, `ptpip:127.0.0.1:15740`); for gphoto2, any port if left out.
+    #[schemars(length(min = 1, max = 200))]
+    pub port: Option<String>,
+    /// Folder of frames to play; for replay.
+    #[schemars(length(min = 1, max = 4096))]
+    pub directory: Option<PathBuf>,
+    /// Frame width, pixels.
+    #[schemars(range(min = 16, max = 20000))]
+    pub width: usize,
+    /// Frame height, pixels.
+    #[schemars(range(min = 16, max = 20000))]
+    pub height: usize,
+    /// Focal length, pixels: x, y.
+    #[schemars(inner(range(min = 1, max = 1.0e7)))]
+    pub focal_px: [f64; 2],
+    /// Principal point, pixels: x, y.
+    #[schemars(inner(range(min = -1.0e5, max = 1.0e5)))]
+    pub principal_px: [f64; 2],
+    /// Distortion k1 k2 p1 p2 k3 (Brown); none if left out.
+    #[serde(default)]
+    #[schemars(inner(range(min = -1.0e4, max = 1.0e4)))]
+    pub distortion: [f64; 5],
+    /// Aperture used throughout, f-number.
+    #[schemars(range(min = 0.5, max = 128))]
+    pub f_number: f64,
+    /// ISO speed used throughout.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub iso: u32,
+    /// Charge at saturation, electrons.
+    #[schemars(range(min = 100, max = 1.0e7))]
+    pub full_well_e: f64,
+    /// Read noise, electrons rms.
+    #[schemars(range(min = 0, max = 1.0e4))]
+    pub read_noise_e: f64,
+}
+
+/// The sampled sphere, camera frame.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawObject {
+    /// Centre, mm.
+    #[schemars(inner(range(min = -1.0e5, max = 1.0e5)))]
+    pub center_mm: [f64; 3],
+    /// Radius, mm.
+    #[schemars(range(max = 1.0e4), extend("exclusiveMinimum" = 0))]
+    pub radius_mm: f64,
+}
+
+/// What an acquisition does when the request says nothing else.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawPlan {
+    /// Light stations: arm angles, degrees, in shooting order.
+    #[schemars(length(min = 1, max = 1000), inner(range(min = -360, max = 360)))]
+    pub stations_deg: Vec<f64>,
+    /// The bracket: shutter labels as the body writes them (1/100, 0.6, 15), in shooting order.
+    #[schemars(length(min = 1, max = 55))]
+    pub exposures: Vec<String>,
+}
+
+/// How the material is fitted.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawFit {
+    /// Number of materials; left-out lights decide if left out.
+    #[schemars(range(min = 1, max = 16))]
+    pub materials: Option<usize>,
+    /// BRDF model, a name of `rigd fit --help`.
+    #[schemars(length(min = 1, max = 64))]
+    pub model: String,
+    /// Solver, a name of `rigd fit --help`.
+    #[schemars(length(min = 1, max = 64))]
+    pub solver: String,
+    /// Objective, a name of `rigd fit --help`.
+    #[schemars(length(min = 1, max = 64))]
+    pub objective: String,
+    /// Samples with cos theta_i or cos theta_r at or below this are not used.
+    #[schemars(range(min = 0, max = 0.9))]
+    pub cosine_cutoff: f64,
+}
+
+/// Where sessions are kept.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawStorage {
+    /// Directory of all sessions; `--data` wins over it.
+    #[schemars(length(min = 1, max = 4096))]
+    pub data: PathBuf,
+    /// Bytes kept free for journal and shutdown.
+    #[serde(default = "default_reserve")]
+    #[schemars(range(min = 0, max = 1_000_000_000_000_i64))]
+    pub reserve_bytes: u64,
+}
+
+fn default_reserve() -> u64 {
+    256 << 20
+}
+
+/// Where the daemon listens.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct RawServer {
+    /// Loopback address and port, `127.0.0.1:7040`; port 0 takes any free one. `--listen` wins over it.
+    #[schemars(length(min = 1, max = 100))]
+    pub listen: String,
+}
+
+impl Default for RawServer {
+    fn default() -> Self {
+        Self { listen: "127.0.0.1:7040".into() }
+    }
+}
+
+#[derive(Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawScene {
+    Marble,
+    Wood,
+}
+
+/// The simulated world; only with a simulated driver.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawSimulation {
+    /// Which object stands in the rig.
+    pub scene: RawScene,
+    /// Seed of the scene's texture and of all noise.
+    #[schemars(range(min = 0, max = 9_007_199_254_740_991_i64))]
+    pub seed: u64,
+    /// How many times faster than real motion, exposure and waiting pass.
+    #[schemars(range(min = 0.1, max = 10000))]
+    pub speed: f64,
+}

@@ -1,0 +1,265 @@
+//! Rig files as people write them: the shipped ones are accepted, and every mistake of a bad one is named at once.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use rig_config::{ArmDriver, CameraDriver, ReadError, Rig, SHIPPED, json_schema};
+
+fn simulated() -> &'static str {
+    SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap().1
+}
+
+/// The shipped simulated rig with `from` replaced by `to`, and the reasons for refusing it.
+fn refused(edits: &[(&str, &str)]) -> ReadError {
+    let mut text = simulated().to_owned();
+    for (from, to) in edits {
+        assert!(text.contains(from), "the shipped file has no `{from}`");
+        text = text.replacen(from, to, 1);
+    }
+    Rig::from_toml(&text, "rig.toml").expect_err("the file should be refused")
+}
+
+fn keys(error: &ReadError) -> Vec<&str> {
+    error.reasons.iter().map(|r| r.key.as_str()).collect()
+}
+
+#[test]
+fn shipped_rigs_are_accepted() {
+    for (name, text) in SHIPPED {
+        let rig = Rig::from_toml(text, name).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(rig.plan.stations_deg, [-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0]);
+        assert_eq!(rig.plan.exposures.len(), 10);
+        assert_eq!(rig.plan.exposures[9].true_s, 16.0);
+        assert_eq!(rig.object.radius_mm, 30.0);
+    }
+    let paper = Rig::from_toml(SHIPPED[0].1, "").unwrap();
+    assert!(matches!(paper.arm.driver, ArmDriver::Rigproto { .. }));
+    let body = CameraDriver::Gphoto2 { model: Some("Canon EOS 5D".into()), port: None };
+    assert_eq!((paper.camera.driver, paper.camera.width, paper.camera.height), (body, 4368, 2912));
+    assert!(paper.simulation.is_none());
+}
+
+#[test]
+fn twenty_mistakes_are_all_listed() {
+    let error = refused(&[
+        ("name = \"simulated rig\"", "name = \"\""),
+        ("speed_deg_s = 30.0", "speed_deg_s = -30.0"),
+        ("acceleration_deg_s2", "aceleration_deg_s2"),
+        ("tolerance_deg = 0.05", "tolerance_deg = nan"),
+        ("settle_s = 0.5", "settle_s = \"half a second\""),
+        ("park_deg = 0.0", "park_deg = 200.0"),
+        ("level_permille = 800", "level_permille = 1001"),
+        ("circle_radius_mm = 600.0", "circle_radius_mm = 20.0"),
+        ("intensity = [4.0e5, 3.6e5, 3.0e5]", "intensity = [4.0e5, 0.0]"),
+        ("width = 288", "width = 0"),
+        ("focal_px = [3300.0, 3300.0]", "focal_px = [3300.0, inf]"),
+        ("iso = 100", "iso = 100.5"),
+        ("stations_deg = [-55.0, -20.0", "stations_deg = [-155.0, 15.0"),
+        ("\"1/100\", \"1/40\"", "\"1/90\", 7"),
+        ("model = \"ward\"", "model = 5"),
+        ("cosine_cutoff = 0.15", "colour = true"),
+        ("reserve_bytes = 67108864", "reserve_bytes = -1"),
+        ("127.0.0.1:7040\"", "0.0.0.0:7040\""),
+        ("scene = \"marble\"", "scene = \"granite\""),
+        ("speed = 40.0", ""),
+    ]);
+    let mut got = keys(&error);
+    got.sort_unstable();
+    let mut want = vec![
+        "name",
+        "arm.speed_deg_s",
+        "arm.aceleration_deg_s2",
+        "arm.acceleration_deg_s2",
+        "arm.tolerance_deg",
+        "arm.settle_s",
+        "arm.park_deg",
+        "lamp.level_permille",
+        "lamp.circle_radius_mm",
+        "lamp.intensity",
+        "lamp.intensity[1]",
+        "camera.width",
+        "camera.focal_px[1]",
+        "camera.iso",
+        "plan.stations_deg[0]",
+        "plan.stations_deg[2]",
+        "plan.exposures[0]",
+        "plan.exposures[1]",
+        "fit.model",
+        "fit.colour",
+        "fit.cosine_cutoff",
+        "storage.reserve_bytes",
+        "server.listen",
+        "simulation.scene",
+        "simulation.speed",
+    ];
+    want.sort_unstable();
+    assert_eq!(got, want, "{error}");
+    let text = error.to_string();
+    assert!(text.starts_with("rig.toml: 25 mistakes\n"), "{text}");
+    assert!(text.contains("did you mean `acceleration_deg_s2`?"), "{text}");
+    assert!(text.contains("is -30: must be above 0"), "{text}");
+}
+
+#[test]
+fn each_contradiction_is_named_alone() {
+    type Case<'a> = (&'a [(&'a str, &'a str)], &'a str, &'a str);
+    let cases: &[Case] = &[
+        (&[("travel_deg = [-90.0, 170.0]", "travel_deg = [170.0, -90.0]")], "arm.travel_deg", "swap"),
+        (&[("park_deg = 0.0", "park_deg = -90.5")], "arm.park_deg", "outside arm.travel_deg"),
+        (&[("115.0, 140.0]", "115.0, 170.5]")], "plan.stations_deg[6]", "outside arm.travel_deg"),
+        (&[("115.0, 140.0]", "115.0, 50]")], "plan.stations_deg[6]", "plan.stations_deg[3] again"),
+        (&[("\"6\", \"15\"", "\"6\", \"6.3\"")], "plan.exposures[9]", "as long as plan.exposures[8]"),
+        (&[("\"6\", \"15\"", "\"6\", \"bulb\"")], "plan.exposures[9]", "no third-stop"),
+        (&[("\"1.3\"", "\"1.5\"")], "plan.exposures[6]", "half-stop"),
+        // 29 mm off the plane of the circle, and the circle passes 3 mm from the centre's axis.
+        (
+            &[("[0.0, 0.0, 1500.0]\ncircle_radius_mm = 600.0", "[0.0, 29.0, 1500.0]\ncircle_radius_mm = 3.0")],
+            "lamp.circle_radius_mm",
+            "comes within 29.2 mm",
+        ),
+        (
+            &[("center_mm = [0.0, 0.0, 1500.0]\nradius", "center_mm = [0.0, 0.0, -1500.0]\nradius")],
+            "object.center_mm",
+            "before",
+        ),
+        (
+            &[("center_mm = [0.0, 0.0, 1500.0]\nradius", "center_mm = [40.0, 0.0, 1500.0]\nradius")],
+            "object.center_mm",
+            "x 166",
+        ),
+        (&[("height = 192", "height = 130")], "object.center_mm", "y 30 to 162 px"),
+        (&[("listen = \"127.0.0.1:7040\"", "listen = \"localhost\"")], "server.listen", "ADDRESS:PORT"),
+        (&[("listen = \"127.0.0.1:7040\"", "listen = \"192.168.0.2:80\"")], "server.listen", "loopback"),
+        (&[("driver = \"simulated\"", "driver = \"simulated\"\nport = \"/dev/ttyUSB0\"")], "arm.port", "no meaning"),
+        (&[("driver = \"simulated\"", "driver = \"grbl\"")], "arm.port", "missing"),
+        (&[("width = 288", "directory = \"frames\"\nwidth = 288")], "camera.directory", "replay"),
+        (&[("[simulation]\n", "[camera.extra]\n")], "simulation", "missing"),
+    ];
+    for (edits, key, says) in cases {
+        let error = refused(edits);
+        let reason = error.reasons.iter().find(|r| r.key == *key).unwrap_or_else(|| panic!("{key}: {error}"));
+        assert!(reason.what.contains(says), "{key}: {}", reason.what);
+        let alone = error.reasons.len() == 1 || error.reasons.iter().all(|r| r.key == *key || r.key == "camera.extra");
+        assert!(alone, "{error}");
+    }
+    let paper = SHIPPED[0].1.to_owned() + "\n[simulation]\nscene = \"wood\"\nseed = 1\nspeed = 1\n";
+    assert_eq!(keys(&Rig::from_toml(&paper, "").unwrap_err()), ["simulation"]);
+}
+
+#[test]
+fn text_that_is_no_toml_names_the_line() {
+    let error = Rig::from_toml("name = \"a\"\n[arm\n", "x").unwrap_err();
+    assert_eq!(keys(&error), ["line 2"]);
+    let error = Rig::from_toml("", "x").unwrap_err();
+    assert!(keys(&error).contains(&"camera") && keys(&error).contains(&"name"), "{error}");
+}
+
+#[test]
+fn files_that_cannot_be_read_are_refused_by_name() {
+    let folder = std::env::temp_dir().join(format!("rig-config-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let cases: [(&str, Option<Vec<u8>>, &str); 4] = [
+        ("missing.toml", None, "cannot be opened"),
+        ("latin1.toml", Some(b"name = \"caf\xe9\"".to_vec()), "UTF-8"),
+        ("huge.toml", Some(vec![b'#'; (1 << 20) + 1]), "larger than"),
+        ("good.toml", Some(simulated().into()), ""),
+    ];
+    for (name, bytes, says) in cases {
+        let path = folder.join(name);
+        if let Some(bytes) = bytes {
+            std::fs::write(&path, bytes).unwrap();
+        }
+        match Rig::read(&path) {
+            Ok(_) => assert_eq!(name, "good.toml"),
+            Err(e) => assert!(!says.is_empty() && e.to_string().contains(says) && e.to_string().contains(name), "{e}"),
+        }
+    }
+    assert!(Rig::read(&folder).is_err(), "a directory is no rig file");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// The schema describes what the reader accepts: every key of the shipped files is in it, and it forbids all others.
+#[test]
+fn schema_covers_the_shipped_files() {
+    let schema = json_schema();
+    assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema");
+    assert!(!schema.to_string().contains("$ref"));
+    for (name, text) in SHIPPED {
+        let file: toml::Table = text.parse().unwrap();
+        for (section, value) in file.iter().filter_map(|(k, v)| Some((k, v.as_table()?))) {
+            let mut described = &schema["properties"][section];
+            if let Some(any) = described["anyOf"].as_array() {
+                described = &any[0];
+            }
+            assert_eq!(described["additionalProperties"], false, "{section}");
+            for key in value.keys() {
+                assert!(
+                    described["properties"][key]["description"].is_string(),
+                    "{name}: {section}.{key} is not described"
+                );
+            }
+        }
+    }
+}
+
+/// What hostile or careless hands do to a good file.
+fn mutated() -> impl Strategy<Value = String> {
+    let pieces = prop::sample::select(vec![
+        "nan",
+        "-inf",
+        "1e400",
+        "-1",
+        "0",
+        "[]",
+        "[[",
+        "{}",
+        "\"",
+        "'''",
+        "=",
+        "\n",
+        "[arm]",
+        "\u{0}",
+        "é",
+        "true",
+        "1979-05-27",
+        "0x7fffffffffffffff",
+        "999999999999999999999",
+        "a.b.c = 1",
+        "[plan.exposures]",
+        "[[arm]]",
+        "#",
+    ]);
+    let edits = prop::collection::vec((any::<prop::sample::Index>(), 0_usize..40, pieces), 1..6);
+    (prop::sample::select(SHIPPED.to_vec()), edits).prop_map(|((_, text), edits)| {
+        let code: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        let mut text: Vec<char> = code.join("\n").chars().collect();
+        for (at, remove, insert) in edits {
+            let start = at.index(text.len());
+            let end = (start + remove).min(text.len());
+            text.splice(start..end, insert.chars());
+        }
+        text.into_iter().collect()
+    })
+}
+
+/// A file is either a rig or has at least one reason against it, whatever its bytes.
+fn is_answered(text: &str) {
+    if let Err(error) = Rig::from_toml(text, "random") {
+        assert!(!error.reasons.is_empty() && !error.to_string().is_empty());
+        assert!(error.reasons.iter().all(|r| !r.key.is_empty()), "serde refused what the checks let through: {error}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, rng_seed: RngSeed::Fixed(7), ..ProptestConfig::default() })]
+
+    #[test]
+    fn random_text_is_answered(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        is_answered(&String::from_utf8_lossy(&bytes));
+    }
+
+    #[test]
+    fn mutated_files_are_answered(text in mutated()) {
+        is_answered(&text);
+    }
+}

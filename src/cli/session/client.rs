@@ -1,0 +1,264 @@
+//! The daemon's REST surface as calls.
+
+use crate::http::Problem;
+use crate::session::handle::SessionSnapshot;
+use crate::session::plan::{CapturePlan, StartRequest};
+use crate::session::state::Verb;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::io::{BufRead, BufReader, Read};
+use std::time::Duration;
+use ureq::http::{Response, Uri};
+use ureq::{Agent, Body};
+
+/// Longest time the daemon may take to answer.
+const ANSWER: Duration = Duration::from_secs(30);
+/// Longest silence of an event stream: the daemon says something every 15 s.
+const SILENCE: Duration = Duration::from_secs(45);
+
+/// Why a call failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// What was asked for cannot be an address or id.
+    #[error("{0}")]
+    Usage(String),
+    /// The daemon refused.
+    #[error("{}", describe(.0))]
+    Refused(Box<Problem>),
+    /// No connection, or it broke.
+    #[error("no answer from {base}: {source}; is the daemon running, and --url right?")]
+    Unreachable {
+        /// The daemon's address.
+        base: String,
+        /// What happened.
+        source: Box<ureq::Error>,
+    },
+    /// Something answered that is no rigd of this version.
+    #[error("{base} answered what this client does not understand ({what}): is it a rigd of the same version?")]
+    Foreign {
+        /// The address.
+        base: String,
+        /// What was wrong.
+        what: String,
+    },
+}
+
+impl ClientError {
+    /// Exit status of a command that ends with this error: 2 for bad input, 1 for everything else.
+    pub fn exit_status(&self) -> u8 {
+        match self {
+            Self::Usage(_) => 2,
+            Self::Refused(problem) if matches!(problem.status, 400 | 404 | 413 | 415 | 421 | 422) => 2,
+            _ => 1,
+        }
+    }
+}
+
+fn describe(problem: &Problem) -> String {
+    match (&problem.reasons, &problem.allowed) {
+        (Some(reasons), _) if reasons.len() > 1 => format!("{}:\n  {}", problem.title, reasons.join("\n  ")),
+        (_, Some(allowed)) if allowed.is_empty() => format!("{}; nothing more can be asked of it", problem.detail),
+        (_, Some(allowed)) => {
+            let verbs: Vec<_> = allowed.iter().map(|verb| verb_name(*verb)).collect();
+            format!("{}; possible now: {}", problem.detail, verbs.join(", "))
+        }
+        _ => problem.detail.clone(),
+    }
+}
+
+fn verb_name(verb: Verb) -> &'static str {
+    match verb {
+        Verb::Pause => "pause",
+        Verb::Resume => "resume",
+        Verb::Stop => "stop",
+        Verb::Abort => "abort",
+    }
+}
+
+/// Calls one daemon.
+pub struct Client {
+    base: String,
+    agent: Agent,
+}
+
+#[derive(Deserialize)]
+struct SessionPage {
+    sessions: Vec<SessionSnapshot>,
+    next_page_token: Option<String>,
+}
+
+impl Client {
+    /// A client of the daemon at `base_url`, `http://ADDRESS:PORT`.
+    ///
+    /// # Errors
+    /// `base_url` is no such address.
+    pub fn new(base_url: &str) -> Result<Self, ClientError> {
+        let base = base_url.trim_end_matches('/').to_owned();
+        let sound = base.parse::<Uri>().is_ok_and(|uri| uri.scheme_str() == Some("http") && uri.host().is_some());
+        if !sound {
+            return Err(ClientError::Usage(format!(
+                "`{base_url}` is no daemon's address: write http://127.0.0.1:PORT"
+            )));
+        }
+        // The daemon is on this machine: a proxy from the environment could not reach it.
+        let config = Agent::config_builder()
+            .http_status_as_error(false)
+            .proxy(None)
+            .timeout_connect(Some(ANSWER))
+            .timeout_recv_response(Some(ANSWER))
+            .timeout_per_read(Some(SILENCE));
+        Ok(Self { base, agent: config.build().new_agent() })
+    }
+
+    /// The plan a request would run; nothing moves.
+    ///
+    /// # Errors
+    /// As for every call: no connection, a refusal, or a foreign answer.
+    pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, ClientError> {
+        let url = format!("{}/v1/sessions?dry_run=true", self.base);
+        self.read(self.agent.post(url).send_json(request))
+    }
+
+    /// Starts a session.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn start(&self, request: &StartRequest) -> Result<SessionSnapshot, ClientError> {
+        self.read(self.agent.post(format!("{}/v1/sessions", self.base)).send_json(request))
+    }
+
+    /// Every session, newest first.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn list(&self) -> Result<Vec<SessionSnapshot>, ClientError> {
+        let (mut all, mut query) = (Vec::new(), String::new());
+        loop {
+            let page: SessionPage = self.read(self.agent.get(format!("{}/v1/sessions{query}", self.base)).call())?;
+            all.extend(page.sessions);
+            match page.next_page_token {
+                Some(token) => query = format!("?page_token={token}"),
+                None => return Ok(all),
+            }
+        }
+    }
+
+    /// One session.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn session(&self, id: &str) -> Result<SessionSnapshot, ClientError> {
+        self.read(self.agent.get(self.of_session(id, "")?).call())
+    }
+
+    /// Material and report of a completed session.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn material(&self, id: &str) -> Result<serde_json::Value, ClientError> {
+        self.read(self.agent.get(self.of_session(id, "/material")?).call())
+    }
+
+    /// Asks something of a session.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, ClientError> {
+        let url = self.of_session(id, &format!("/{}", verb_name(verb)))?;
+        self.read(self.agent.post(url).send_empty())
+    }
+
+    /// Sequence numbers of a session's events above `after`, as they come, until the stream ends or breaks.
+    pub(super) fn events(&self, id: &str, after: u64) -> Result<impl Iterator<Item = u64> + use<>, ClientError> {
+        let request = self.agent.get(self.of_session(id, "/events")?).header("Last-Event-ID", after.to_string());
+        let body = self.accepted(request.call())?.into_body().into_reader();
+        Ok(ids(body))
+    }
+
+    /// Path of a session; ids that would change the path are refused here.
+    fn of_session(&self, id: &str, rest: &str) -> Result<String, ClientError> {
+        if id.is_empty() || !id.chars().all(|c| c.is_ascii_alphanumeric() || c == '-') {
+            return Err(ClientError::Usage(format!("`{id}` is no session id: see `rigd session list`")));
+        }
+        Ok(format!("{}/v1/sessions/{id}{rest}", self.base))
+    }
+
+    fn read<T: DeserializeOwned>(&self, answer: Result<Response<Body>, ureq::Error>) -> Result<T, ClientError> {
+        let mut response = self.accepted(answer)?;
+        response.body_mut().read_json().map_err(|e| self.foreign(e))
+    }
+
+    /// The answer if it is a success, its problem if not.
+    fn accepted(&self, answer: Result<Response<Body>, ureq::Error>) -> Result<Response<Body>, ClientError> {
+        let mut response =
+            answer.map_err(|e| ClientError::Unreachable { base: self.base.clone(), source: Box::new(e) })?;
+        if response.status().is_success() {
+            return Ok(response);
+        }
+        let problem =
+            response.body_mut().read_json().map_err(|_| self.foreign(format!("status {}", response.status())))?;
+        Err(ClientError::Refused(Box::new(problem)))
+    }
+
+    fn foreign(&self, what: impl ToString) -> ClientError {
+        ClientError::Foreign { base: self.base.clone(), what: what.to_string() }
+    }
+}
+
+/// The ids of a server-sent event stream, each once its event is complete.
+fn ids(stream: impl Read) -> impl Iterator<Item = u64> {
+    let mut pending = None;
+    let lines = BufReader::new(stream).lines().map_while(Result::ok);
+    lines.filter_map(move |line| {
+        if let Some(id) = line.strip_prefix("id:") {
+            pending = id.trim().parse().ok();
+        }
+        if line.is_empty() { pending.take() } else { None }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn ids_are_given_once_their_event_is_complete() {
+        let stream = "id: 4\nevent: a\ndata: {}\n\n: keep-alive\n\nid:5\ndata: {}\n\nid: 6\ndata: cut off";
+        assert_eq!(ids(stream.as_bytes()).collect::<Vec<_>>(), [4, 5]);
+    }
+
+    #[test]
+    fn addresses_and_ids_that_cannot_be_are_bad_usage() {
+        for bad in ["", "127.0.0.1:7040", "ftp://127.0.0.1", "http://", "https://127.0.0.1", "http://a b"] {
+            let error = Client::new(bad).err().unwrap();
+            assert_eq!(error.exit_status(), 2, "{bad}");
+        }
+        let client = Client::new("http://127.0.0.1:1/").unwrap();
+        for bad in ["", "../rig", "a?b", "a/b", "a#b", "%2e"] {
+            assert_eq!(client.session(bad).unwrap_err().exit_status(), 2, "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_daemon_that_is_not_there_is_a_failure_not_bad_usage() {
+        // A port that was free a moment ago and that nobody listens on.
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let error = Client::new(&format!("http://127.0.0.1:{port}")).unwrap().list().unwrap_err();
+        assert_eq!(error.exit_status(), 1);
+        assert!(error.to_string().contains("is the daemon running"), "{error}");
+    }
+
+    #[test]
+    fn a_problem_becomes_one_message() {
+        let problem = |extra: serde_json::Value| {
+            let mut body =
+                serde_json::json!({"type": "t", "title": "The plan is refused", "status": 422, "detail": "d"});
+            body.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+            describe(&serde_json::from_value(body).unwrap())
+        };
+        assert_eq!(problem(serde_json::json!({})), "d");
+        assert_eq!(problem(serde_json::json!({"reasons": ["a", "b"]})), "The plan is refused:\n  a\n  b");
+        assert_eq!(problem(serde_json::json!({"allowed": ["stop", "abort"]})), "d; possible now: stop, abort");
+    }
+}

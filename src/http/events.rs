@@ -1,0 +1,121 @@
+//! The journal of a session as server-sent events: the id is the journal's sequence number, so a client that reconnects with
+//! Last-Event-ID is told exactly what it missed.
+
+use super::extract::{Query, SessionId};
+use super::problem::Problem;
+use super::{HttpState, ask};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::Value;
+use std::convert::Infallible;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use utoipa::{IntoParams, ToSchema};
+
+/// Events on their way to one client; a slow one makes its own stream wait and nobody else's.
+const IN_FLIGHT: usize = 64;
+
+/// Largest sequence number asked for: beyond it JSON readers lose digits.
+const LARGEST_SEQ: u64 = 9_007_199_254_740_991;
+
+/// One event as it is sent.
+#[derive(ToSchema)]
+#[allow(dead_code, reason = "only its schema is used")]
+struct SentEvent {
+    /// Sequence number of the journal record.
+    id: String,
+    /// Type of the record: `session.state`, `frame.committed`, ...
+    event: String,
+    /// The record, JSON.
+    data: String,
+}
+
+#[derive(Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(super) struct After {
+    /// Send only events with a sequence number above this; Last-Event-ID wins over it.
+    #[param(minimum = 0, maximum = 9_007_199_254_740_991_u64, required = false, nullable = false)]
+    after: Option<u64>,
+}
+
+/// Follow a session
+///
+/// One event a journal record: `id` its sequence number, `event` its type, `data` the record as JSON. Clients ignore types
+/// they do not know. The stream ends after the session's last event. Once nothing will follow, a further request is
+/// answered 204, which tells a browser's EventSource to stop.
+#[utoipa::path(get, path = "/v1/sessions/{id}/events", tag = "sessions",
+    params(("id" = String, Path, description = "Session id."), After,
+        ("Last-Event-ID" = Option<u64>, Header, nullable = false, minimum = 0, maximum = 9_007_199_254_740_991_u64, description = "Id of the last event received.")),
+    responses(
+        (status = 200, body = SentEvent, content_type = "text/event-stream", description = "The events."),
+        (status = 204, description = "The session has ended and nothing follows."),
+        (status = 400, description = "Last-Event-ID or `after` is no sequence number."),
+        (status = 404, description = "No such session."),
+    ))]
+pub(super) async fn events(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+    Query(query): Query<After>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let refuse = || {
+        Problem::bad_request("Last-Event-ID or after is no sequence number: send the id of an event of this session")
+    };
+    let in_query = query.after.unwrap_or(0);
+    let after = match headers.get("last-event-id") {
+        Some(value) => value.to_str().ok().and_then(|text| text.parse().ok()).ok_or_else(refuse)?,
+        None => in_query,
+    };
+    if after.max(in_query) > LARGEST_SEQ {
+        return Err(refuse());
+    }
+    let asked = id.clone();
+    let snapshot = ask(&state, move |engine| engine.session(&asked)).await?;
+    if snapshot.state.is_final() && snapshot.last_seq <= after {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let (sender, receiver) = mpsc::channel(IN_FLIGHT);
+    tokio::spawn(follow(state, id, after, sender));
+    Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response())
+}
+
+/// Sends records as they come, until the session has ended, the client is gone, or the daemon ends.
+async fn follow(state: HttpState, id: String, mut after: u64, sender: mpsc::Sender<Result<Event, Infallible>>) {
+    let mut changes = state.engine.changes();
+    let shutdown = state.shutdown.clone();
+    loop {
+        changes.mark_unchanged();
+        let asked = id.clone();
+        let Ok(snapshot) = ask(&state, move |engine| engine.session(&asked)).await else { return };
+        if snapshot.last_seq > after {
+            let asked = id.clone();
+            let Ok(records) = ask(&state, move |engine| engine.events_after(&asked, after)).await else { return };
+            for (seq, event) in records.iter().filter_map(event) {
+                if sender.send(Ok(event)).await.is_err() {
+                    return;
+                }
+                after = after.max(seq);
+            }
+        }
+        if snapshot.state.is_final() && after >= snapshot.last_seq {
+            return;
+        }
+        tokio::select! {
+            changed = changes.changed() => if changed.is_err() { return },
+            () = sender.closed() => return,
+            () = shutdown.cancelled() => return,
+        }
+    }
+}
+
+/// A journal record as an event; none if it has no sequence number.
+fn event(record: &Value) -> Option<(u64, Event)> {
+    let seq = record["seq"].as_u64()?;
+    let plain = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    let kind = record["type"].as_str().filter(|kind| kind.chars().all(plain)).unwrap_or("message");
+    Some((seq, Event::default().id(seq.to_string()).event(kind).data(record.to_string())))
+}

@@ -1,0 +1,110 @@
+//! The OpenAPI 3.1 document, made from the handlers' own declarations.
+
+use super::problem::Problem;
+use super::{HttpState, events, metrics, results, rig, sessions};
+use axum::response::{IntoResponse, Response};
+use rig_config::{Rig, Shutter};
+use utoipa::OpenApi;
+use utoipa::openapi::content::ContentBuilder;
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::response::ResponseBuilder;
+use utoipa::openapi::schema::{ArrayItems, Schema};
+use utoipa::openapi::{self, Ref, RefOr};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+#[derive(OpenApi)]
+#[openapi(
+    info(title = "rigd", description = "A material-capture daemon: light arm, camera, radiance, fitted material.",
+        license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0")),
+    servers((url = "/")),
+    components(schemas(Problem)),
+    tags(
+        (name = "sessions", description = "One acquisition each, from the first light station to the fitted material."),
+        (name = "results", description = "Frames, material and result files of a session."),
+        (name = "rig", description = "The rig itself."),
+        (name = "health", description = "For supervisors and monitoring."),
+    )
+)]
+struct Document;
+
+/// Most light stations of a session.
+const MAX_STATIONS: usize = 1000;
+
+/// Problems any operation may answer with.
+const ANYWHERE: &[(&str, &str)] = &[
+    ("421", "The Host header names no loopback address."),
+    ("500", "A fault of the daemon, or its storage failed."),
+    ("503", "The daemon is ending."),
+];
+
+pub(super) fn routes() -> OpenApiRouter<HttpState> {
+    OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(sessions::start, sessions::list))
+        .routes(routes!(sessions::show))
+        .routes(routes!(sessions::pause))
+        .routes(routes!(sessions::resume))
+        .routes(routes!(sessions::stop))
+        .routes(routes!(sessions::abort))
+        .routes(routes!(events::events))
+        .routes(routes!(results::frames))
+        .routes(routes!(results::material))
+        .routes(routes!(results::file))
+        .routes(routes!(results::refit))
+        .routes(routes!(rig::rig))
+        .routes(routes!(rig::livez))
+        .routes(routes!(rig::readyz))
+        .routes(routes!(metrics::metrics))
+}
+
+/// Gives every refusal its body: handlers name statuses only, because all refusals are problems.
+pub(super) fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
+    for path in spec.paths.paths.values_mut() {
+        for operation in [&mut path.get, &mut path.post].into_iter().flatten() {
+            complete(operation);
+        }
+    }
+    if let Some(components) = &mut spec.components {
+        for request in ["StartRequest", "FitRequest"] {
+            bound_lists(components.schemas.get_mut(request), rig);
+        }
+    }
+    spec
+}
+
+/// What the lists of a request may hold on this rig, which types alone do not say.
+fn bound_lists(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
+    let Some(RefOr::T(Schema::Object(request))) = request else { return };
+    let [lower, upper] = rig.arm.travel_deg;
+    for (key, property) in &mut request.properties {
+        let RefOr::T(Schema::Array(list)) = property else { continue };
+        list.unique_items = true;
+        let ArrayItems::RefOrSchema(items) = &mut list.items else { continue };
+        let RefOr::T(Schema::Object(item)) = items.as_mut() else { continue };
+        match key.as_str() {
+            "exposures" => item.enum_values = Some(Shutter::labels().map(Into::into).collect()),
+            "stations_deg" => (item.minimum, item.maximum) = (Some(lower.into()), Some(upper.into())),
+            "leave_out" => item.maximum = Some(MAX_STATIONS.into()),
+            _ => {}
+        }
+    }
+}
+
+fn complete(operation: &mut Operation) {
+    let responses = &mut operation.responses.responses;
+    for (status, description) in ANYWHERE {
+        let response = ResponseBuilder::new().description(*description).build();
+        responses.entry((*status).into()).or_insert(RefOr::T(response));
+    }
+    for (status, response) in responses {
+        if let (true, RefOr::T(response)) = (status.as_str() >= "400", response) {
+            let body = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+            response.content.insert("application/problem+json".into(), RefOr::T(body));
+        }
+    }
+}
+
+/// The document as an answer.
+pub(super) fn answer(spec: openapi::OpenApi) -> Response {
+    axum::Json(spec).into_response()
+}

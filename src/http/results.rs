@@ -1,0 +1,183 @@
+//! What a session left behind: frames, material, result files; and the refit.
+
+use super::extract::{Json, Path, SessionId};
+use super::problem::Problem;
+use super::{HttpState, ask};
+use crate::session::handle::{FitRequest, SessionSnapshot};
+use axum::body::{Body, Bytes};
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fs::File;
+use std::io::Read;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use utoipa::ToSchema;
+
+/// Frames of a session.
+#[derive(Serialize, Deserialize, ToSchema)]
+pub(super) struct FrameList {
+    /// In the order they were committed: `station`, `exposure`, `file`, `blake3`, `bytes`, `shutter`, `state`.
+    #[schema(value_type = Vec<Object>)]
+    frames: Vec<Value>,
+}
+
+/// List the frames of a session
+#[utoipa::path(get, path = "/v1/sessions/{id}/frames", tag = "results", params(("id" = String, Path, description = "Session id.")),
+    responses(
+        (status = 200, body = FrameList, description = "Every frame committed so far."),
+        (status = 400, description = "The path is no UTF-8."),
+        (status = 404, description = "No such session."),
+    ))]
+pub(super) async fn frames(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+) -> Result<axum::Json<FrameList>, Problem> {
+    let frames = ask(&state, move |engine| engine.frames(&id)).await?;
+    Ok(axum::Json(FrameList { frames }))
+}
+
+/// The fitted material
+///
+/// `material.json` and `report.json` of the session: parameters with standard errors and flags, and the errors of the fit.
+#[utoipa::path(get, path = "/v1/sessions/{id}/material", tag = "results", params(("id" = String, Path, description = "Session id.")),
+    responses(
+        (status = 200, body = Object, description = "Material and report."),
+        (status = 400, description = "The path is no UTF-8."),
+        (status = 404, description = "No such session."),
+        (status = 409, description = "No material in `current_state`."),
+    ))]
+pub(super) async fn material(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+) -> Result<axum::Json<Value>, Problem> {
+    let asked = id.clone();
+    match ask(&state, move |engine| engine.material(&asked)).await? {
+        Some(material) => Ok(axum::Json(material)),
+        None => Err(nothing_yet(&state, id, "material").await),
+    }
+}
+
+/// Files of a result directory that are served, with their content types.
+const FILES: &[(&str, &str)] = &[
+    ("report.json", "application/json"),
+    ("material.json", "application/json"),
+    ("weights.exr", "image/x-exr"),
+    ("residual.exr", "image/x-exr"),
+    ("valid.png", "image/png"),
+    ("preview.png", "image/png"),
+];
+
+/// Name of a result file.
+#[derive(ToSchema)]
+#[allow(dead_code, reason = "only its schema is used: the enum of FILES for the OpenAPI document")]
+enum ResultName {
+    #[schema(rename = "report.json")]
+    Report,
+    #[schema(rename = "material.json")]
+    Material,
+    #[schema(rename = "weights.exr")]
+    Weights,
+    #[schema(rename = "residual.exr")]
+    Residual,
+    #[schema(rename = "valid.png")]
+    Valid,
+    #[schema(rename = "preview.png")]
+    Preview,
+}
+
+/// Bytes of an image.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code, reason = "only its schema is used")]
+struct Binary(Vec<u8>);
+
+#[derive(Deserialize)]
+pub(super) struct FilePath {
+    name: String,
+}
+
+/// A result file
+#[utoipa::path(get, path = "/v1/sessions/{id}/result/{name}", tag = "results",
+    params(("id" = String, Path, description = "Session id."), ("name" = inline(ResultName), Path, description = "Name of the file.")),
+    responses(
+        (status = 200, description = "The file.", content(
+            (Object = "application/json"), (Binary = "image/png"), (Binary = "image/x-exr"))),
+        (status = 400, description = "The path is no UTF-8."),
+        (status = 404, description = "No such session, or no file of that name."),
+        (status = 409, description = "No result in `current_state`."),
+    ))]
+pub(super) async fn file(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+    Path(FilePath { name }): Path<FilePath>,
+) -> Result<Response, Problem> {
+    let Some((name, kind)) = FILES.iter().find(|(known, _)| *known == name) else {
+        let known: Vec<_> = FILES.iter().map(|(known, _)| *known).collect();
+        return Err(Problem::not_found(format!("no result file of that name: ask for one of {}", known.join(", "))));
+    };
+    let asked = id.clone();
+    let Some(path) = ask(&state, move |engine| engine.result_file(&asked, name)).await? else {
+        return Err(nothing_yet(&state, id, name).await);
+    };
+    let opened = tokio::task::spawn_blocking(move || File::open(path).and_then(|f| Ok((f.metadata()?.len(), f)))).await;
+    let Ok(Ok((length, file))) = opened else { return Err(Problem::internal()) };
+    let headers = [(header::CONTENT_TYPE, (*kind).to_owned()), (header::CONTENT_LENGTH, length.to_string())];
+    Ok((headers, stream(file, length)).into_response())
+}
+
+/// A file in pieces: a weight map of a full frame does not fit the daemon's memory budget.
+fn stream(file: File, length: u64) -> Body {
+    let (sender, receiver) = mpsc::channel::<std::io::Result<Bytes>>(4);
+    tokio::task::spawn_blocking(move || {
+        let mut rest = file.take(length);
+        loop {
+            let mut piece = Vec::with_capacity(64 << 10);
+            let read = rest.by_ref().take(64 << 10).read_to_end(&mut piece);
+            let last = !matches!(read, Ok(1..));
+            let sent = match read {
+                Ok(0) => return,
+                Ok(_) => sender.blocking_send(Ok(piece.into())),
+                Err(error) => sender.blocking_send(Err(error)),
+            };
+            if last || sent.is_err() {
+                return;
+            }
+        }
+    });
+    Body::from_stream(ReceiverStream::new(receiver))
+}
+
+/// Fit a finished session again
+#[utoipa::path(post, path = "/v1/sessions/{id}/fit", tag = "results", request_body = FitRequest,
+    params(("id" = String, Path, description = "Session id.")),
+    responses(
+        (status = 202, body = SessionSnapshot, description = "Queued on the fitting worker."),
+        (status = 400, description = "No JSON."),
+        (status = 404, description = "No such session."),
+        (status = 409, description = "Not possible in `current_state`, or another session holds the rig."),
+        (status = 413, description = "The body is too large."),
+        (status = 415, description = "The body is not sent as application/json."),
+        (status = 422, description = "The request is refused; `reasons` lists why."),
+        (status = 507, description = "Not enough disk space."),
+    ))]
+pub(super) async fn refit(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+    Json(request): Json<FitRequest>,
+) -> Result<(StatusCode, axum::Json<SessionSnapshot>), Problem> {
+    let snapshot = ask(&state, move |engine| engine.refit(&id, &request)).await?;
+    Ok((StatusCode::ACCEPTED, axum::Json(snapshot)))
+}
+
+/// Refusal for something a session does not have, with its state.
+async fn nothing_yet(state: &HttpState, id: String, what: &str) -> Problem {
+    match ask(state, move |engine| engine.session(&id)).await {
+        Ok(SessionSnapshot { id, state, .. }) => {
+            Problem::not_yet(state, format!("session {id} has no {what}: it is there once a fit has ended well"))
+        }
+        Err(problem) => problem,
+    }
+}
