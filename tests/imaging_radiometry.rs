@@ -13,7 +13,7 @@ use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Recovered, Response,
 const NOISE: SensorNoise = SensorNoise { full_well_e: 80_000.0, read_noise_e: 30.0 };
 /// At level 10 the signal is 160 e-: 30 e- of read noise blur the curve there by more than the 1 % asked for, 8 e- do not.
 const QUIET: SensorNoise = SensorNoise { full_well_e: 80_000.0, read_noise_e: 8.0 };
-const ROUNDING: f64 = 1.0 / 12.0;
+const ROUNDING: [f64; 3] = [1.0 / 12.0; 3];
 /// A bracket of 1.17 EV steps like the paper's, true times.
 const TIMES: [f64; 10] = [0.0098, 0.0248, 0.0496, 0.125, 0.25, 0.63, 1.26, 3.17, 6.35, 16.0];
 

@@ -100,10 +100,10 @@ pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<B
 }
 
 /// Variance of rounding to a whole level, levels squared.
-const LOSSLESS_VARIANCE: f64 = 1.0 / 12.0;
-/// Rounding to a level, to YCbCr and of the cosine coefficients of a high-quality 4:4:4 JPEG, levels squared; measured on the
-/// simulated camera's files.
-const JPEG_VARIANCE: f64 = 0.5;
+const LOSSLESS_VARIANCE: [f64; 3] = [1.0 / 12.0; 3];
+/// What a JPEG of the finest setting (4:4:4) adds to red, green and blue, levels squared: rounding to YCbCr, of the cosine
+/// coefficients and back to a level. Measured on the simulated camera's files.
+const JPEG_VARIANCE: [f64; 3] = [0.9, 0.5, 1.2];
 
 fn cut(picture: &Image<[u8; 3]>, crop: Crop) -> Result<Image<[u8; 3]>, String> {
     let inside =

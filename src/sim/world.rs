@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use rig_config::{Rig, Simulation};
 
 /// Rays per pixel and axis: edges and lobes are integrated over the pixel's area.
-const SUPERSAMPLING: usize = 4;
+const SUPERSAMPLING: usize = 3;
 
 /// The sphere in a black enclosure under one small lamp on an arm, before a pinhole camera with lens distortion.
 #[derive(Clone, Debug)]

@@ -88,13 +88,13 @@ pub struct Exposure {
 #[derive(Clone, Debug)]
 pub struct Bracket {
     exposures: Vec<Exposure>,
-    level_variance: f64,
+    level_variance: [f64; 3],
 }
 
 impl Bracket {
-    /// Checks and orders `exposures`. `level_variance` is the variance that storing the frame added, levels squared
+    /// Checks and orders `exposures`. `level_variance` is the variance that storing the frame added to a channel, levels squared
     /// (1/12 for rounding alone).
-    pub fn new(mut exposures: Vec<Exposure>, level_variance: f64) -> Result<Self, BracketError> {
+    pub fn new(mut exposures: Vec<Exposure>, level_variance: [f64; 3]) -> Result<Self, BracketError> {
         let Some(first) = exposures.first() else {
             return Err(BracketError::TooFewFrames { found: 0, needed: 1 });
         };
@@ -133,8 +133,8 @@ impl Bracket {
         self.exposures[0].levels.height
     }
 
-    /// Variance that storing the frames added, levels squared.
-    pub fn level_variance(&self) -> f64 {
+    /// Variance that storing the frames added to each channel, levels squared.
+    pub fn level_variance(&self) -> [f64; 3] {
         self.level_variance
     }
 
@@ -233,25 +233,28 @@ mod tests {
 
     #[test]
     fn a_longer_exposure_that_is_no_brighter_is_refused_by_name() {
-        let bracket = Bracket::new(vec![frame("long", 90, 1.0), frame("short", 90, 0.5)], 1.0 / 12.0).unwrap();
+        let bracket = Bracket::new(vec![frame("long", 90, 1.0), frame("short", 90, 0.5)], [1.0 / 12.0; 3]).unwrap();
         let message = bracket.check_times().unwrap_err().to_string();
         assert!(message.contains("from short (0.5 s) to long (1 s)") && message.contains("100.0 %"), "{message}");
     }
 
     #[test]
     fn black_frames_prove_nothing() {
-        let bracket = Bracket::new(vec![frame("long", 2, 1.0), frame("short", 2, 0.5)], 1.0 / 12.0).unwrap();
+        let bracket = Bracket::new(vec![frame("long", 2, 1.0), frame("short", 2, 0.5)], [1.0 / 12.0; 3]).unwrap();
         assert_eq!(bracket.check_times().unwrap()[0].verdict, Verdict::NotTestable);
     }
 
     #[test]
     fn times_and_sizes_are_checked() {
         for time_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let result = Bracket::new(vec![frame("a", 1, time_s)], 0.0);
+            let result = Bracket::new(vec![frame("a", 1, time_s)], [0.0; 3]);
             assert!(matches!(result, Err(BracketError::BadTime { .. })), "{time_s}");
         }
         let small = Exposure { name: "b".into(), levels: Image::filled(2, 2, [0; 3]), time_s: 2.0 };
-        assert!(matches!(Bracket::new(vec![frame("a", 1, 1.0), small], 0.0), Err(BracketError::SizeDiffers { .. })));
-        assert!(matches!(Bracket::new(Vec::new(), 0.0), Err(BracketError::TooFewFrames { .. })));
+        assert!(matches!(
+            Bracket::new(vec![frame("a", 1, 1.0), small], [0.0; 3]),
+            Err(BracketError::SizeDiffers { .. })
+        ));
+        assert!(matches!(Bracket::new(Vec::new(), [0.0; 3]), Err(BracketError::TooFewFrames { .. })));
     }
 }

@@ -19,7 +19,8 @@ const ROUNDS: usize = 3;
 /// valid when every channel has a sample in the trusted range; elsewhere the value is the nearest bound known, with a variance
 /// as large as its square. Rows are independent: the result does not depend on the number of threads.
 pub fn merge(bracket: &Bracket, response: &Response, noise: &SensorNoise) -> RadianceImage {
-    let channels: [Channel; 3] = std::array::from_fn(|c| Channel::new(bracket, &response.log_exposure[c], noise));
+    let channels: [Channel; 3] =
+        std::array::from_fn(|c| Channel::new(bracket, &response.log_exposure[c], noise, bracket.level_variance()[c]));
     let merged: Vec<[Estimate; 3]> = (0..bracket.height())
         .into_par_iter()
         .flat_map_iter(|y| {
@@ -59,10 +60,10 @@ struct Channel {
 }
 
 impl Channel {
-    fn new(bracket: &Bracket, log_exposure: &[f64], noise: &SensorNoise) -> Self {
+    fn new(bracket: &Bracket, log_exposure: &[f64], noise: &SensorNoise, level_variance: f64) -> Self {
         Self {
             exposure: log_exposure.iter().map(|g| g.exp()).collect(),
-            weights: WeightTable::new(log_exposure, noise, bracket.level_variance()),
+            weights: WeightTable::new(log_exposure, noise, level_variance),
             times: bracket.exposures().iter().map(|frame| (frame.time_s, frame.time_s.ln())).collect(),
         }
     }

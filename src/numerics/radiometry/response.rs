@@ -32,11 +32,12 @@ pub struct Recovered {
 
 /// Smoothness weight of Debevec & Malik's objective per sampled pixel: enough to bridge levels without samples.
 const SMOOTHNESS_PER_PIXEL: f64 = 0.02;
-/// Weight of a sample of which another channel is clipped: a camera's colour matrix may have spoilt it too.
-const CLIPPED_NEIGHBOUR: f64 = 0.02;
+/// Weight of a sample of which another channel is clipped: a camera's colour matrix may have spoilt it too, but the upper
+/// levels of the weakest channel of a coloured object are seen in no other samples.
+const CLIPPED_NEIGHBOUR: f64 = 0.25;
 /// Pixels with usable levels in two frames that a channel needs.
 const MIN_PIXELS: usize = 50;
-/// Rounds after the published objective; the second changes curves by less than 0.1 %.
+/// Rounds after the published objective.
 const PREDICTION_ROUNDS: usize = 3;
 /// Frames needed: two leave the curve undetermined between their ratio's powers.
 const MIN_FRAMES: usize = 3;
@@ -59,13 +60,12 @@ pub fn recover(bracket: &Bracket) -> Result<Recovered, BracketError> {
     }
     bracket.check_times()?;
     let pixels = choose_pixels(bracket);
-    let mut active_constraints = [0; 3];
-    let mut log_exposure = [Vec::new(), Vec::new(), Vec::new()];
-    for channel in 0..3 {
-        let curve = solve_channel(exposures, &pixels, channel)?;
-        active_constraints[channel] = curve.windows(2).filter(|step| step[0] == step[1]).count();
-        log_exposure[channel] = curve;
-    }
+    let curves: [Result<Vec<f64>, BracketError>; 3] =
+        [0, 1, 2].map(|channel| solve_channel(exposures, &pixels, channel));
+    let [red, green, blue] = curves;
+    let log_exposure = [red?, green?, blue?];
+    let active_constraints =
+        log_exposure.each_ref().map(|curve| curve.windows(2).filter(|step| step[0] == step[1]).count());
     Ok(Recovered { response: Response { log_exposure }, active_constraints, pixels: pixels.len() })
 }
 
@@ -184,13 +184,14 @@ impl Normal {
     fn add_pixel(&mut self, samples: &[Sample]) {
         let total: f64 = samples.iter().map(|s| s.weight).sum();
         let mean = samples.iter().map(|s| s.weight * (s.log_time - s.offset)).sum::<f64>() / total;
-        for a in samples.iter().filter(|s| s.weight > 0.0) {
+        let used = || samples.iter().filter(|s| s.weight > 0.0);
+        for a in used() {
             for (row, share) in taps(a.level) {
                 self.rhs[row] += share * a.weight * (a.log_time - a.offset - mean);
                 for (column, other) in taps(a.level) {
                     self.matrix[(row, column)] += share * other * a.weight;
                 }
-                for b in samples {
+                for b in used() {
                     for (column, other) in taps(b.level) {
                         self.matrix[(row, column)] -= share * other * a.weight * b.weight / total;
                     }

@@ -5,7 +5,7 @@ use super::bracket::Bracket;
 /// Candidates looked at, at most: enough to fill the quota of every level from any frame size.
 const MAX_CANDIDATES: usize = 60_000;
 /// Samples wanted of every level and channel.
-const QUOTA: u16 = 240;
+const QUOTA: u16 = 120;
 
 /// Indices of the pixels chosen from `bracket`, flattest neighbourhood first, until every level that occurs has its quota.
 pub fn choose_pixels(bracket: &Bracket) -> Vec<usize> {

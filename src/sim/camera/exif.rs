@@ -7,7 +7,7 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::Cursor;
 
 /// Quality of the body's finest setting.
-const QUALITY: u8 = 98;
+const QUALITY: u8 = 99;
 /// TIFF/EP's running number of the frame.
 const IMAGE_NUMBER: Tag = Tag(Context::Exif, 0x9211);
 
