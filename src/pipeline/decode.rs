@@ -1,1 +1,175 @@
+//! Bytes of a picture file to 8-bit RGB and the facts its EXIF states. Any bytes give a picture or a typed error.
 
+use crate::numerics::image::Image;
+use std::io::Cursor;
+use std::panic::catch_unwind;
+use zune_core::bytestream::ZCursor;
+use zune_core::colorspace::ColorSpace;
+use zune_core::options::DecoderOptions;
+use zune_jpeg::JpegDecoder;
+
+/// Larger pictures are refused before any memory is taken: no body this is made for has more than 61 megapixels.
+pub const MAX_PIXELS: usize = 64_000_000;
+/// Longest side accepted, pixels.
+const MAX_SIDE: usize = 20_000;
+
+/// Why bytes are no usable picture.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// No known file type.
+    #[error("neither JPEG, PNG nor BMP (it starts with {start:02x?}): give the file as the camera wrote it")]
+    UnknownFormat {
+        /// The first bytes, at most 8.
+        start: Vec<u8>,
+    },
+    /// Larger than any camera's picture.
+    #[error("{width}x{height} pixels are more than the {MAX_PIXELS} accepted: give a smaller picture")]
+    TooLarge {
+        /// Columns claimed.
+        width: usize,
+        /// Rows claimed.
+        height: usize,
+    },
+    /// The file is damaged.
+    #[error("the {format} file is damaged or cut short ({reason}): fetch it from the camera again")]
+    Damaged {
+        /// File type.
+        format: &'static str,
+        /// What the decoder said.
+        reason: String,
+    },
+}
+
+/// Type of a picture file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Lossy; a camera's own.
+    Jpeg,
+    /// Lossless.
+    Png,
+    /// Lossless.
+    Bmp,
+}
+
+impl Format {
+    /// The type that the first bytes show.
+    pub fn of(bytes: &[u8]) -> Result<Self, DecodeError> {
+        match bytes {
+            [0xff, 0xd8, 0xff, ..] => Ok(Self::Jpeg),
+            [0x89, b'P', b'N', b'G', ..] => Ok(Self::Png),
+            [b'B', b'M', ..] => Ok(Self::Bmp),
+            _ => Err(DecodeError::UnknownFormat { start: bytes.iter().take(8).copied().collect() }),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Jpeg => "JPEG",
+            Self::Png => "PNG",
+            Self::Bmp => "BMP",
+        }
+    }
+}
+
+/// Decodes a JPEG, PNG or BMP file to 8-bit RGB as stored: an EXIF orientation is not applied, because the rig's geometry
+/// is the sensor's.
+pub fn decode(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let format = Format::of(bytes)?;
+    // The decoders are made by others: should one panic on a crafted file, that file is damaged and nothing else is lost.
+    let decoded = catch_unwind(|| match format {
+        Format::Jpeg => decode_jpeg(bytes),
+        Format::Png => decode_lossless(bytes, format, image::ImageFormat::Png),
+        Format::Bmp => decode_lossless(bytes, format, image::ImageFormat::Bmp),
+    });
+    decoded.unwrap_or_else(|_| Err(damaged(format, "the decoder gave up")))
+}
+
+fn damaged(format: Format, reason: impl ToString) -> DecodeError {
+    DecodeError::Damaged { format: format.name(), reason: reason.to_string() }
+}
+
+fn check_size(width: usize, height: usize) -> Result<(), DecodeError> {
+    if width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS {
+        return Err(DecodeError::TooLarge { width, height });
+    }
+    Ok(())
+}
+
+fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let broken = |reason: zune_jpeg::errors::DecodeErrors| damaged(Format::Jpeg, reason);
+    // Strict: a truncated file is an error, not a picture with a grey lower part.
+    let options = DecoderOptions::default()
+        .set_strict_mode(true)
+        .set_max_width(MAX_SIDE)
+        .set_max_height(MAX_SIDE)
+        .jpeg_set_out_colorspace(ColorSpace::RGB);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    decoder.decode_headers().map_err(broken)?;
+    let (width, height) = decoder.dimensions().ok_or_else(|| damaged(Format::Jpeg, "it has no size"))?;
+    check_size(width, height)?;
+    rgb(Format::Jpeg, width, height, &decoder.decode().map_err(broken)?)
+}
+
+fn decode_lossless(bytes: &[u8], format: Format, kind: image::ImageFormat) -> Result<Image<[u8; 3]>, DecodeError> {
+    let reader = || image::ImageReader::with_format(Cursor::new(bytes), kind);
+    let (width, height) = reader().into_dimensions().map_err(|e| damaged(format, e))?;
+    let (width, height) = (width as usize, height as usize);
+    check_size(width, height)?;
+    let picture = reader().decode().map_err(|e| damaged(format, e))?;
+    rgb(format, width, height, &picture.into_rgb8())
+}
+
+fn rgb(format: Format, width: usize, height: usize, samples: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let (pixels, rest) = samples.as_chunks::<3>();
+    if pixels.is_empty() || pixels.len() != width * height || !rest.is_empty() {
+        return Err(damaged(format, "it has fewer samples than its size says"));
+    }
+    Ok(Image { width, height, pixels: pixels.to_vec() })
+}
+
+/// What a frame's EXIF says of its shot; each field absent where the file does not say.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameInfo {
+    /// Exposure time as labelled on the body, seconds: the shutter opens for [`FrameInfo::true_time_s`].
+    pub exposure_time_s: Option<f64>,
+    /// Aperture, f-number.
+    pub f_number: Option<f64>,
+    /// ISO speed.
+    pub iso: Option<u32>,
+    /// Date and time of the shot as the camera writes it, `YYYY:MM:DD HH:MM:SS`.
+    pub time: Option<String>,
+}
+
+impl FrameInfo {
+    /// Reads the EXIF of a picture file; a file without any gives no fields.
+    pub fn read(bytes: &[u8]) -> Self {
+        catch_unwind(|| read_exif(bytes)).ok().flatten().unwrap_or_default()
+    }
+
+    /// The time the shutter of a third-stop body really opens, 2^(k/3) s: a label of 15 opens for 16 s. None without a time
+    /// or for a label that is no third of a stop.
+    pub fn true_time_s(&self) -> Option<f64> {
+        let thirds = 3.0 * self.exposure_time_s?.log2();
+        // Labels are up to 0.28 thirds off (15, 1/60); half-stop labels are 0.5 off.
+        ((thirds - thirds.round()).abs() < 0.35).then(|| (thirds.round() / 3.0).exp2())
+    }
+}
+
+fn read_exif(bytes: &[u8]) -> Option<FrameInfo> {
+    let fields = exif::Reader::new().read_from_container(&mut Cursor::new(bytes)).ok()?;
+    let value = |tag| fields.get_field(tag, exif::In::PRIMARY).map(|field| &field.value);
+    let positive = |tag| match value(tag) {
+        Some(exif::Value::Rational(v)) => v.first().map(exif::Rational::to_f64).filter(|v| v.is_finite() && *v > 0.0),
+        _ => None,
+    };
+    let time = match value(exif::Tag::DateTimeOriginal) {
+        Some(exif::Value::Ascii(text)) => text.first().map(|t| String::from_utf8_lossy(t).into_owned()),
+        _ => None,
+    };
+    Some(FrameInfo {
+        exposure_time_s: positive(exif::Tag::ExposureTime),
+        f_number: positive(exif::Tag::FNumber),
+        iso: value(exif::Tag::PhotographicSensitivity).and_then(|v| v.get_uint(0)),
+        time,
+    })
+}

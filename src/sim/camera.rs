@@ -1,1 +1,175 @@
+//! The simulated camera: exposes the world through a sensor, a tone curve of its own and a JPEG encoder.
 
+mod exif;
+mod faults;
+mod sensor;
+
+pub use faults::{CameraFaults, Fault};
+
+use super::pose::{Pose, SharedPose};
+use super::world::World;
+use crate::devices::Cancel;
+use crate::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
+use crate::numerics::image::Image;
+use exif::ExifFacts;
+use rig_config::{Rig, Shutter, Simulation};
+use sensor::Sensor;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// What the body calls itself.
+const MODEL: &str = "Canon EOS 5D";
+/// How often the pose is looked at during an exposure.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+/// Different poses rendered for one exposure, at most: enough to show that the arm moved.
+const MAX_POSES: usize = 8;
+
+/// A camera that photographs the simulated world as it is while the shutter is open.
+pub struct SimulatedCamera {
+    world: World,
+    sensor: Sensor,
+    pose: SharedPose,
+    faults: CameraFaults,
+    speed: f64,
+    frame_number: u32,
+    last_frame: Option<RawFrame>,
+    /// The last rendered pose: a bracket renders once.
+    rendered: Option<(Pose, Arc<Image<[f64; 3]>>)>,
+}
+
+impl SimulatedCamera {
+    /// A camera before the simulated world. Exposures last `simulation.speed` times shorter than real; an infinite speed
+    /// exposes at once. Noise depends on `simulation.seed` and the running number of the frame alone.
+    pub fn new(rig: &Rig, simulation: &Simulation, pose: SharedPose, faults: CameraFaults) -> Self {
+        Self {
+            world: World::new(rig, simulation),
+            sensor: Sensor::new(&rig.camera, simulation.seed),
+            pose,
+            faults,
+            speed: simulation.speed,
+            frame_number: 0,
+            last_frame: None,
+            rendered: None,
+        }
+    }
+
+    /// Waits for the exposure to end and returns the poses seen, each with its share of the time.
+    fn expose(&self, true_s: f64, cancel: &Cancel) -> Result<Vec<(Pose, f64)>, CameraError> {
+        let wait = Duration::from_secs_f64(true_s / self.speed);
+        let start = Instant::now();
+        let mut seen = vec![self.pose.get()];
+        loop {
+            if cancel.is_cancelled() {
+                return Err(CameraError::Cancelled);
+            }
+            let left = wait.saturating_sub(start.elapsed());
+            std::thread::sleep(left.min(LOOK_EVERY));
+            seen.push(self.pose.get());
+            if left.is_zero() {
+                break;
+            }
+        }
+        Ok(shares(&seen))
+    }
+
+    fn render(&mut self, pose: Pose) -> Arc<Image<[f64; 3]>> {
+        match &self.rendered {
+            Some((known, image)) if *known == pose => Arc::clone(image),
+            _ => {
+                let image = Arc::new(self.world.radiance(pose));
+                self.rendered = Some((pose, Arc::clone(&image)));
+                image
+            }
+        }
+    }
+
+    /// Mean radiance over the exposure.
+    fn gather(&mut self, poses: &[(Pose, f64)]) -> Arc<Image<[f64; 3]>> {
+        if let [(pose, _)] = poses {
+            return self.render(*pose);
+        }
+        let mut sum = Image::filled(0, 0, [0.0; 3]);
+        for (pose, share) in poses {
+            let image = self.render(*pose);
+            if sum.pixels.is_empty() {
+                sum = Image::filled(image.width, image.height, [0.0; 3]);
+            }
+            for (total, pixel) in sum.pixels.iter_mut().zip(&image.pixels) {
+                *total = std::array::from_fn(|c| total[c] + share * pixel[c]);
+            }
+        }
+        Arc::new(sum)
+    }
+
+    fn take(&mut self, shot: &Shot, shutter: &Shutter, cancel: &Cancel) -> Result<RawFrame, CameraError> {
+        let poses = self.expose(shutter.true_s, cancel)?;
+        self.frame_number += 1;
+        let radiance = self.gather(&poses);
+        let levels = self.sensor.read_out(&radiance, shutter.true_s, self.frame_number);
+        let facts = ExifFacts {
+            model: MODEL,
+            nominal_s: shutter.nominal_s,
+            f_number: shot.f_number,
+            iso: shot.iso,
+            frame_number: self.frame_number,
+        };
+        let bytes = exif::jpeg(&levels, &facts).map_err(|reason| CameraError::Unusable { reason })?;
+        Ok(RawFrame { bytes, name: format!("IMG_{:04}.JPG", self.frame_number % 10_000) })
+    }
+}
+
+/// Runs of equal poses as (pose, share of the exposure), thinned to [`MAX_POSES`] while the arm moves.
+fn shares(seen: &[Pose]) -> Vec<(Pose, f64)> {
+    let runs: Vec<&[Pose]> = seen.chunk_by(|a, b| a == b).collect();
+    let runs: Vec<&[Pose]> =
+        if runs.len() <= MAX_POSES { runs } else { seen.chunks(seen.len().div_ceil(MAX_POSES)).collect() };
+    runs.iter().map(|run| (run[run.len() / 2], run.len() as f64 / seen.len() as f64)).collect()
+}
+
+impl Camera for SimulatedCamera {
+    fn identity(&self) -> CameraIdentity {
+        CameraIdentity { model: MODEL.to_owned() }
+    }
+
+    fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
+        let fault = self.faults.take();
+        if let (Some(Fault::RepeatLastFrame), Some(last)) = (fault, &self.last_frame) {
+            return Ok(last.clone());
+        }
+        if fault == Some(Fault::Hang) {
+            self.faults.wait_for_release();
+            return Err(CameraError::Unusable {
+                reason: "the body stopped answering: switch it off and on".to_owned(),
+            });
+        }
+        let shutter = if fault == Some(Fault::WrongExposure) { doubled(&shot.shutter) } else { shot.shutter.clone() };
+        let mut frame = self.take(shot, &shutter, cancel)?;
+        if fault == Some(Fault::TruncatedFile) {
+            frame.bytes.truncate(frame.bytes.len() / 2);
+        }
+        self.last_frame = Some(frame.clone());
+        Ok(frame)
+    }
+}
+
+/// One stop longer than asked: label and time both say so.
+fn doubled(shutter: &Shutter) -> Shutter {
+    Shutter { label: shutter.label.clone(), nominal_s: 2.0 * shutter.nominal_s, true_s: 2.0 * shutter.true_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_sum_to_one_and_show_every_phase_of_a_move() {
+        let at = |angle_deg| Pose { angle_deg, lamp_permille: 1000 };
+        assert_eq!(shares(&[at(1.0), at(1.0), at(1.0)]), vec![(at(1.0), 1.0)]);
+        assert_eq!(shares(&[at(1.0), at(1.0), at(1.0), at(2.0)]), vec![(at(1.0), 0.75), (at(2.0), 0.25)]);
+        let seen: Vec<Pose> = (0..100).map(|i| at(f64::from(i))).collect();
+        let found = shares(&seen);
+        assert_eq!(found.len(), MAX_POSES);
+        assert!(found[0].0.angle_deg < 13.0 && found[MAX_POSES - 1].0.angle_deg > 87.0);
+        assert!((found.iter().map(|(_, share)| share).sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+}

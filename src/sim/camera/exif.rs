@@ -1,0 +1,65 @@
+//! The file the simulated camera writes: JPEG 4:4:4 with the EXIF of a real body.
+
+use crate::numerics::image::Image;
+use exif::experimental::Writer;
+use exif::{Context, Field, In, Rational, Tag, Value};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use std::io::Cursor;
+
+/// Quality of the body's finest setting.
+const QUALITY: u8 = 99;
+/// TIFF/EP's running number of the frame.
+const IMAGE_NUMBER: Tag = Tag(Context::Exif, 0x9211);
+
+/// What the EXIF states.
+pub(super) struct ExifFacts {
+    pub model: &'static str,
+    pub nominal_s: f64,
+    pub f_number: f64,
+    pub iso: u32,
+    pub frame_number: u32,
+}
+
+/// Encodes the picture; the error is a sentence.
+pub(super) fn jpeg(levels: &Image<[u8; 3]>, facts: &ExifFacts) -> Result<Vec<u8>, String> {
+    let size = |pixels: usize| u16::try_from(pixels).map_err(|_| format!("{pixels} pixels do not fit a JPEG"));
+    let (width, height) = (size(levels.width)?, size(levels.height)?);
+    let exif = exif_block(facts).map_err(|e| format!("EXIF cannot be written: {e}"))?;
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, QUALITY);
+    encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    encoder.add_exif_metadata(&exif).map_err(|e| e.to_string())?;
+    encoder.encode(levels.pixels.as_flattened(), width, height, ColorType::Rgb).map_err(|e| e.to_string())?;
+    Ok(bytes)
+}
+
+fn exif_block(facts: &ExifFacts) -> Result<Vec<u8>, exif::Error> {
+    let now = jiff::Zoned::now();
+    let text = |text: String| Value::Ascii(vec![text.into_bytes()]);
+    let fields = [
+        (Tag::Make, text("Canon".to_owned())),
+        (Tag::Model, text(facts.model.to_owned())),
+        (Tag::ExposureTime, Value::Rational(vec![shutter(facts.nominal_s)])),
+        (Tag::FNumber, Value::Rational(vec![Rational { num: (facts.f_number * 10.0).round() as u32, denom: 10 }])),
+        (Tag::PhotographicSensitivity, Value::Short(vec![u16::try_from(facts.iso).unwrap_or(u16::MAX)])),
+        (Tag::DateTimeOriginal, text(now.strftime("%Y:%m:%d %H:%M:%S").to_string())),
+        (IMAGE_NUMBER, Value::Long(vec![facts.frame_number])),
+    ]
+    .map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value });
+    let mut writer = Writer::new();
+    for field in &fields {
+        writer.push_field(field);
+    }
+    let mut block = Cursor::new(Vec::new());
+    writer.write(&mut block, true)?;
+    Ok(block.into_inner())
+}
+
+/// As bodies write it: 1/100 for short times, tenths of a second above a third of a second.
+fn shutter(nominal_s: f64) -> Rational {
+    if nominal_s < 0.29 {
+        Rational { num: 1, denom: (1.0 / nominal_s).round() as u32 }
+    } else {
+        Rational { num: (nominal_s * 10.0).round() as u32, denom: 10 }
+    }
+}
