@@ -329,10 +329,9 @@ impl<'a> Acquisition<'a> {
                 SessionState::Preflight | SessionState::Running => return Ok(held),
                 SessionState::Pausing => {
                     // Refused when a resume came in between: then there is nothing to wait for.
-                    let _ = self.book.happen(self.id, Event::SafePoint, None);
+                    held |= self.book.happen(self.id, Event::SafePoint, None).is_ok();
                 }
                 SessionState::Paused => {
-                    held = true;
                     let since = Instant::now();
                     self.wait(LONG, |state| state != SessionState::Paused);
                     self.held += since.elapsed();

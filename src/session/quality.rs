@@ -47,8 +47,8 @@ pub fn check(
 ) -> Result<(), String> {
     check_image(&frame.bytes, size)?;
     let exif = read_exif(&frame.bytes)?;
-    check_settings(&exif, shot)?;
-    last.map_or(Ok(()), |last| check_new(fingerprint, last))
+    last.map_or(Ok(()), |last| check_new(fingerprint, last))?;
+    check_settings(&exif, shot)
 }
 
 fn check_image(bytes: &[u8], size: (usize, usize)) -> Result<(), String> {

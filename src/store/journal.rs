@@ -134,8 +134,10 @@ impl Journal {
         record.insert("session".into(), json!(self.session));
         record.insert("simulated".into(), json!(self.simulated));
         record.insert("prev".into(), json!(self.prev));
-        let record = Value::Object(record);
-        let mut line = record.to_string().into_bytes();
+        let mut line = Value::Object(record).to_string().into_bytes();
+        // What memory holds is what a reader of the file gets, to the last digit of a number.
+        let record = serde_json::from_slice(&line)
+            .map_err(|e| StoreError::Corrupt { path: self.path.display().to_string(), reason: e.to_string() })?;
         let prev = hash(&line);
         line.push(b'\n');
         self.write(&line)?;
