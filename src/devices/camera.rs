@@ -2,6 +2,8 @@
 
 use super::Cancel;
 use rig_config::Shutter;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 
 /// One picture to take. `station` and `exposure` index the plan; a camera that plays stored frames uses them to find its frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,4 +74,143 @@ pub trait Camera: Send {
     fn identity(&self) -> CameraIdentity;
     /// Sets the exposure, shoots, downloads.
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError>;
+}
+
+/// Time a call may take beyond twice the exposure, seconds: setting, readout, transfer, write.
+pub const CALL_GRACE_S: f64 = 30.0;
+/// Time a driver has to come back after a cancel, and to let go of the camera at the end.
+const RELEASE: Duration = Duration::from_secs(5);
+/// How often a waiting call looks at its [`Cancel`].
+const LOOK: Duration = Duration::from_millis(50);
+
+type Request = (Shot, Cancel, SyncSender<Result<RawFrame, CameraError>>);
+
+/// A camera on its own thread: no call outlives its deadline, whatever the driver does. After [`CameraError::Deadline`] or
+/// [`CameraError::Unusable`] drop the handle and open the camera anew.
+pub struct CameraHandle {
+    identity: CameraIdentity,
+    grace_s: f64,
+    inbox: Option<SyncSender<Request>>,
+    released: Receiver<()>,
+}
+
+impl CameraHandle {
+    /// Takes the camera; `grace_s` as [`CALL_GRACE_S`].
+    pub fn new(mut camera: Box<dyn Camera>, grace_s: f64) -> Result<Self, CameraError> {
+        let identity = camera.identity();
+        let (inbox, requests) = sync_channel::<Request>(1);
+        let (release, released) = sync_channel(1);
+        let serve = move || {
+            for (shot, cancel, reply) in requests {
+                // Nobody waits any more when the deadline has passed.
+                let _ = reply.send(camera.shoot(&shot, &cancel));
+            }
+            drop(camera);
+            let _ = release.send(());
+        };
+        std::thread::Builder::new()
+            .name("camera".into())
+            .spawn(serve)
+            .map_err(|e| CameraError::Unusable { reason: format!("no thread for its driver: {e}") })?;
+        Ok(Self { identity, grace_s, inbox: Some(inbox), released })
+    }
+
+    /// What body this is.
+    pub fn identity(&self) -> &CameraIdentity {
+        &self.identity
+    }
+
+    /// Shoots within twice the exposure and the grace time.
+    pub fn shoot(&self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
+        let deadline_s = 2.0 * shot.shutter.true_s + self.grace_s;
+        let ended = || CameraError::Unusable { reason: "its driver has ended: the camera is opened anew".into() };
+        let (reply, answer) = sync_channel(1);
+        let inbox = self.inbox.as_ref().ok_or_else(ended)?;
+        inbox.try_send((shot.clone(), cancel.clone(), reply)).map_err(|error| match error {
+            TrySendError::Full(_) => {
+                CameraError::Unusable { reason: "its driver is still busy with a late call".into() }
+            }
+            TrySendError::Disconnected(_) => ended(),
+        })?;
+        let mut end = Instant::now() + Duration::from_secs_f64(deadline_s);
+        let mut cancelled = false;
+        loop {
+            if cancel.is_cancelled() && !cancelled {
+                cancelled = true;
+                end = end.min(Instant::now() + RELEASE);
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            match answer.recv_timeout(left.min(LOOK)) {
+                Ok(result) => return result,
+                Err(RecvTimeoutError::Disconnected) => return Err(ended()),
+                Err(RecvTimeoutError::Timeout) if !left.is_zero() => {}
+                Err(RecvTimeoutError::Timeout) if cancelled => return Err(CameraError::Cancelled),
+                Err(RecvTimeoutError::Timeout) => return Err(CameraError::Deadline { what: "a shot", deadline_s }),
+            }
+        }
+    }
+
+    /// Lets go of the camera; false when its driver did not come back in time and was left behind.
+    pub fn release(mut self) -> bool {
+        self.inbox = None;
+        !matches!(self.released.recv_timeout(RELEASE), Err(RecvTimeoutError::Timeout))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    /// Answers at once, hangs until its sender is dropped, or panics.
+    enum Driver {
+        Prompt,
+        Hanging(Receiver<()>),
+        Panicking,
+    }
+
+    impl Camera for Driver {
+        fn identity(&self) -> CameraIdentity {
+            CameraIdentity { model: "test".into() }
+        }
+        fn shoot(&mut self, shot: &Shot, _cancel: &Cancel) -> Result<RawFrame, CameraError> {
+            match self {
+                Self::Prompt => {}
+                Self::Hanging(until) => drop(until.recv()),
+                Self::Panicking => panic!("as planned"),
+            }
+            Ok(RawFrame { bytes: vec![7], name: format!("{}-{}", shot.station, shot.exposure) })
+        }
+    }
+
+    fn shot() -> Shot {
+        let shutter = Shutter { label: "1/8000".into(), nominal_s: 1.25e-4, true_s: 1.0 / 8192.0 };
+        Shot { station: 2, exposure: 3, shutter, f_number: 5.6, iso: 100 }
+    }
+
+    #[test]
+    fn a_prompt_camera_delivers_and_is_released() {
+        let handle = CameraHandle::new(Box::new(Driver::Prompt), 30.0).unwrap();
+        assert_eq!(handle.shoot(&shot(), &Cancel::default()).unwrap().name, "2-3");
+        assert!(handle.release());
+    }
+
+    #[test]
+    fn a_hanging_call_ends_at_its_deadline_and_the_handle_says_so_from_then_on() {
+        let (free, until) = sync_channel(1);
+        let handle = CameraHandle::new(Box::new(Driver::Hanging(until)), 0.05).unwrap();
+        let late = handle.shoot(&shot(), &Cancel::default());
+        assert!(matches!(late, Err(CameraError::Deadline { .. })), "{late:?}");
+        let again = handle.shoot(&shot(), &Cancel::default());
+        assert!(matches!(again, Err(CameraError::Deadline { .. } | CameraError::Unusable { .. })), "{again:?}");
+        drop(free);
+        assert!(handle.release());
+    }
+
+    #[test]
+    fn a_panicking_driver_is_an_error_not_a_hang() {
+        let handle = CameraHandle::new(Box::new(Driver::Panicking), 30.0).unwrap();
+        assert!(matches!(handle.shoot(&shot(), &Cancel::default()), Err(CameraError::Unusable { .. })));
+        assert!(handle.release());
+    }
 }

@@ -1,1 +1,156 @@
+//! The engine: one thread that owns arm and camera and runs one session after another, with clean-up after every one.
 
+use super::acquire::{Acquisition, Ended};
+use super::bench::{Bench, OpenArm, OpenCamera};
+use super::book::{Book, Inner};
+use super::handle::{EngineError, EngineHandle, FitRequest};
+use super::processing::Processing;
+use super::state::{Event, SessionState};
+use super::worker::{self, Job, message};
+use crate::store::{Store, StoreError};
+use rig_config::Rig;
+use serde_json::json;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
+
+/// What the composition root gives the engine.
+pub struct EngineParts {
+    /// The rig.
+    pub rig: Rig,
+    /// The rig file, word for word, for the manifests.
+    pub rig_text: String,
+    /// Where sessions are kept.
+    pub store: Store,
+    /// Opens the arm.
+    pub open_arm: OpenArm,
+    /// Opens the camera.
+    pub open_camera: OpenCamera,
+    /// Develops and fits; [`super::processing::PipelineProcessing`] outside tests.
+    pub processing: Box<dyn Processing>,
+    /// How many times faster than real the engine's own waits (soak, settle) pass; 1 on real hardware.
+    pub speed: f64,
+}
+
+/// Marks what a crash left behind, starts engine and worker, and hands out the handle.
+pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
+    let EngineParts { rig, rig_text, store, open_arm, open_camera, processing, speed } = parts;
+    if !(speed.is_finite() && speed > 0.0) {
+        return Err(EngineError::Storage(format!("simulation.speed is {speed}: it must be a positive number")));
+    }
+    let (book, interrupted) = Book::open(store)?;
+    let book = Arc::new(book);
+    let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
+    let jobs = worker::spawn(Arc::clone(&book), processing).map_err(no_thread)?;
+    let bench = Bench::new(rig.clone(), open_arm, open_camera, interrupted > 0);
+    let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
+    std::thread::Builder::new().name("engine".into()).spawn(move || engine.run()).map_err(no_thread)?;
+    Ok(EngineHandle::new(book, rig, rig_text, jobs, speed))
+}
+
+struct Engine {
+    rig: Rig,
+    book: Arc<Book>,
+    bench: Bench,
+    jobs: SyncSender<Job>,
+    speed: f64,
+}
+
+impl Engine {
+    fn run(mut self) {
+        for fault in self.bench.clean_up() {
+            tracing::error!(fault, "clean-up after a crash");
+        }
+        while let Some(id) = self.book.next_session() {
+            self.run_session(&id);
+        }
+        self.book.lock().ended = true;
+        self.book.nudge();
+    }
+
+    /// Acquire, clean up, fit, conclude: every step runs whatever became of the ones before.
+    fn run_session(&mut self, id: &str) {
+        let mut ended = self.acquire(id);
+        if ended.is_ok() {
+            // Refused only when a user ended the session at the last frame: the state then says how.
+            let _ = self.book.happen(id, Event::FramesIn, None);
+        }
+        let faults = self.bench.clean_up();
+        for fault in &faults {
+            self.book.note(id, "fault.raised", json!({"device": "bench", "reason": fault}));
+        }
+        if matches!(ended, Ok(()) | Err(Ended::Stopped)) {
+            ended = self.fit(id, ended.is_ok());
+        }
+        self.conclude(id, ended, &faults);
+    }
+
+    fn acquire(&mut self, id: &str) -> Result<(), Ended> {
+        let Self { rig, book, bench, jobs, speed } = self;
+        let run = || {
+            let acquisition = Acquisition::new(id, rig, book, bench, jobs, *speed);
+            acquisition.ok_or_else(|| Ended::Failed("the session is unknown".into()))?.run()
+        };
+        catch_unwind(AssertUnwindSafe(run))
+            .unwrap_or_else(|panic| Err(Ended::Failed(format!("internal error: {}", message(&*panic)))))
+    }
+
+    /// Waits for the worker's fit. After a stop it is a bonus: what the frames do not give is no failure.
+    fn fit(&self, id: &str, whole: bool) -> Result<(), Ended> {
+        let complete = self.book.look(id, |entry| entry.ledger.bracket(0).is_some()).unwrap_or(false);
+        if !whole && !complete {
+            return Err(Ended::Stopped);
+        }
+        let (done, answer) = sync_channel(1);
+        let job = Job::Fit { session: id.to_owned(), request: FitRequest::default(), done: Some(done) };
+        if self.jobs.send(job).is_err() {
+            return Err(Ended::Failed("the worker has ended: restart the daemon".into()));
+        }
+        let look = |inner: &mut Inner| {
+            if inner.shutdown {
+                return Some(Err(Ended::ShutDown));
+            }
+            if inner.entry(id).is_ok_and(|entry| entry.state() == SessionState::Aborting) {
+                return Some(Err(Ended::Aborted));
+            }
+            let answer = answer.try_recv().ok()?;
+            let failed = |reason| Ended::Failed(format!("the frames are kept, but there is no fit: {reason}"));
+            Some(if whole { answer.map_err(failed) } else { Err(Ended::Stopped) })
+        };
+        let mut look = look;
+        loop {
+            if let Some(ended) = self.book.wait(Duration::from_secs(1), &mut look) {
+                return ended;
+            }
+        }
+    }
+
+    fn conclude(&self, id: &str, ended: Result<(), Ended>, faults: &[String]) {
+        let left_over = (!faults.is_empty()).then(|| faults.join("; "));
+        let after = match ended {
+            Ok(()) | Err(Ended::Stopped | Ended::Aborted) => self.book.happen(id, Event::Done, left_over.as_deref()),
+            Err(Ended::Failed(reason)) => {
+                let reason = left_over.map_or(reason.clone(), |left_over| format!("{reason}; {left_over}"));
+                self.book.happen(id, Event::Fault, Some(&reason))
+            }
+            Err(Ended::ShutDown) => self.book.happen(id, Event::DaemonEnded, Some("the daemon was shut down")),
+        };
+        match after {
+            Ok(state) => tracing::info!(session = id, ?state, "session ended"),
+            Err(error) => {
+                tracing::error!(session = id, %error, "session ended out of order");
+                let _ = self.book.happen(id, Event::Fault, Some(&error.to_string()));
+            }
+        }
+    }
+}
+
+impl From<StoreError> for EngineError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::NoSpace { path, needed, free } => Self::NoSpace { needed, free, path },
+            other => Self::Storage(other.to_string()),
+        }
+    }
+}

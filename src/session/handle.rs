@@ -1,8 +1,20 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
+use super::book::{Book, Entry, Inner};
 use super::plan::{CapturePlan, PlanError, StartRequest};
+use super::processing::read_json;
 use super::state::{SessionState, Verb};
+use super::worker::Job;
+use crate::numerics::brdf;
+use crate::store::journal;
+use crate::store::manifest::{Idempotency, Manifest};
+use rig_config::{ArmDriver, CameraDriver, Rig};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::time::Duration;
 use utoipa::ToSchema;
 
 /// A session as anyone may see it: the body of `GET /v1/sessions/{id}`.
@@ -116,59 +128,200 @@ pub struct Started {
     pub replayed: bool,
 }
 
+/// Longest wait for the clean-up at the daemon's end: a shot that must come back and the way to the park position.
+const SHUTDOWN: Duration = Duration::from_secs(90);
+
 /// Handle on the engine.
 #[derive(Clone)]
-pub struct EngineHandle {}
+pub struct EngineHandle {
+    book: Arc<Book>,
+    rig: Arc<Rig>,
+    rig_text: Arc<str>,
+    jobs: SyncSender<Job>,
+    speed: f64,
+}
 
-#[allow(clippy::unused_self, missing_docs)]
 impl EngineHandle {
+    pub(super) fn new(book: Arc<Book>, rig: Rig, rig_text: String, jobs: SyncSender<Job>, speed: f64) -> Self {
+        Self { book, rig: Arc::new(rig), rig_text: rig_text.into(), jobs, speed }
+    }
+
     /// The plan a request would run (dry run): checks everything, moves nothing.
-    pub fn plan(&self, _request: &StartRequest) -> Result<CapturePlan, EngineError> {
-        unimplemented!("filled on the session branch")
+    pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, EngineError> {
+        Ok(CapturePlan::new(&self.rig, request)?)
     }
+
     /// Starts a session.
-    pub fn start(&self, _request: &StartRequest, _key: Option<&str>) -> Result<Started, EngineError> {
-        unimplemented!()
+    pub fn start(&self, request: &StartRequest, key: Option<&str>) -> Result<Started, EngineError> {
+        let idempotency = key.map(|key| idempotency(key, request)).transpose()?;
+        let mut inner = self.book.lock();
+        if let Some(idempotency) = &idempotency
+            && let Some(earlier) = earlier_start(&inner, idempotency)?
+        {
+            return Ok(earlier);
+        }
+        let plan = CapturePlan::new(&self.rig, request)?;
+        if inner.shutdown || inner.ended {
+            return Err(EngineError::Gone);
+        }
+        if let Some(active) = inner.active() {
+            return Err(EngineError::Busy { running: active.manifest.id.clone(), state: active.state() });
+        }
+        inner.store.check_space(plan.estimated_bytes)?;
+        let manifest = self.manifest(&plan, idempotency)?;
+        let snapshot = self.book.begin(&mut inner, manifest, plan, 1.0 / self.speed)?;
+        Ok(Started { snapshot, replayed: false })
     }
+
+    fn manifest(&self, plan: &CapturePlan, idempotency: Option<Idempotency>) -> Result<Manifest, EngineError> {
+        Ok(Manifest {
+            format: 1,
+            id: uuid::Uuid::now_v7().to_string(),
+            name: plan.name.clone(),
+            started: jiff::Timestamp::now().to_string(),
+            software: super::SOFTWARE.into(),
+            simulated: self.rig.arm.driver == ArmDriver::Simulated || self.rig.camera.driver == CameraDriver::Simulated,
+            plan: serde_json::to_value(plan).map_err(|e| EngineError::Storage(e.to_string()))?,
+            rig_file: self.rig_text.to_string(),
+            arm: None,
+            camera: None,
+            idempotency,
+        })
+    }
+
     /// Asks something of a session; answers with its snapshot after the request was taken.
-    pub fn command(&self, _id: &str, _verb: Verb) -> Result<SessionSnapshot, EngineError> {
-        unimplemented!()
+    pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, EngineError> {
+        self.book.ask(id, verb)
     }
+
     /// Every session, newest first.
     pub fn sessions(&self) -> Vec<SessionSnapshot> {
-        unimplemented!()
+        self.book.lock().sessions.values().rev().map(Entry::snapshot).collect()
     }
+
     /// One session.
-    pub fn session(&self, _id: &str) -> Result<SessionSnapshot, EngineError> {
-        unimplemented!()
+    pub fn session(&self, id: &str) -> Result<SessionSnapshot, EngineError> {
+        Ok(self.book.lock().entry(id)?.snapshot())
     }
+
     /// Changes with every journal record of any session; the value is the total count of records. Watch it, then read the journal.
     pub fn changes(&self) -> tokio::sync::watch::Receiver<u64> {
-        unimplemented!()
+        self.book.changes()
     }
+
     /// Journal records of a session with a sequence number above `after`, oldest first, as JSON objects
     /// with at least `seq` (u64), `time` (RFC 3339), `type` (`session.state`, `frame.committed`, ...), `session`, `simulated`.
-    pub fn events_after(&self, _id: &str, _after: u64) -> Result<Vec<serde_json::Value>, EngineError> {
-        unimplemented!()
+    pub fn events_after(&self, id: &str, after: u64) -> Result<Vec<Value>, EngineError> {
+        let (tail, directory) = {
+            let inner = self.book.lock();
+            (inner.tail_after(id, after)?, inner.entry(id)?.directory.clone())
+        };
+        if let Some(records) = tail {
+            return Ok(records);
+        }
+        let records = journal::read(&directory.join(journal::FILE))?.records;
+        let skip = usize::try_from(after).unwrap_or(usize::MAX);
+        Ok(records.into_iter().skip(skip).collect())
     }
+
     /// The frames of a session: station, exposure, file, blake3, bytes, shutter, state.
-    pub fn frames(&self, _id: &str) -> Result<Vec<serde_json::Value>, EngineError> {
-        unimplemented!()
+    pub fn frames(&self, id: &str) -> Result<Vec<Value>, EngineError> {
+        Ok(self.book.lock().entry(id)?.ledger.frame_list())
     }
-    /// The fitted material: `material.json` and `report.json` of the session, if it has one.
-    pub fn material(&self, _id: &str) -> Result<Option<serde_json::Value>, EngineError> {
-        unimplemented!()
+
+    /// The fitted material: `material.json` and `report.json` of the session under the keys `material` and `report`, if it has one.
+    pub fn material(&self, id: &str) -> Result<Option<Value>, EngineError> {
+        let files = (self.result_file(id, "material.json")?, self.result_file(id, "report.json")?);
+        let (Some(material), Some(report)) = files else { return Ok(None) };
+        let read = |path: &Path| read_json(path).map_err(EngineError::Storage);
+        Ok(Some(json!({"material": read(&material)?, "report": read(&report)?})))
     }
+
     /// Path of a result file (`preview.png`, `weights.exr`, `valid.png`, ...) of the session, if there.
-    pub fn result_file(&self, _id: &str, _name: &str) -> Result<Option<std::path::PathBuf>, EngineError> {
-        unimplemented!()
+    pub fn result_file(&self, id: &str, name: &str) -> Result<Option<PathBuf>, EngineError> {
+        let directory = self.book.lock().entry(id)?.directory.join("result");
+        let plain = !name.starts_with('.') && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"._-".contains(&b));
+        let path = directory.join(name);
+        Ok((plain && path.is_file()).then_some(path))
     }
+
     /// Queues a refit of a finished session on the fitting worker.
-    pub fn refit(&self, _id: &str, _request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
-        unimplemented!()
+    pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
+        let inner = self.book.lock();
+        let entry = inner.entry(id)?;
+        let snapshot = entry.snapshot();
+        let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
+        if !snapshot.state.is_final() {
+            return Err(busy());
+        }
+        check_fit(request, snapshot.stations)?;
+        let job = Job::Fit { session: id.to_owned(), request: request.clone(), done: None };
+        self.jobs.try_send(job).map_err(|error| match error {
+            TrySendError::Full(_) => busy(),
+            TrySendError::Disconnected(_) => EngineError::Gone,
+        })?;
+        Ok(snapshot)
     }
+
     /// `Ok` when a session could start now; otherwise each reason why not (arm, camera, disk).
     pub fn readiness(&self) -> Result<(), Vec<String>> {
-        unimplemented!()
+        let inner = self.book.lock();
+        let mut reasons: Vec<String> = inner.device_fault.iter().cloned().collect();
+        if inner.shutdown || inner.ended {
+            reasons.push(EngineError::Gone.to_string());
+        }
+        match CapturePlan::new(&self.rig, &StartRequest::default()) {
+            Ok(plan) => reasons.extend(inner.store.check_space(plan.estimated_bytes).err().map(|e| e.to_string())),
+            Err(error) => reasons.extend(error.reasons),
+        }
+        if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }
+
+    /// Ends the engine: a running session is broken off, cleaned up and marked interrupted. Returns once that is done.
+    pub fn shutdown(&self) -> Result<(), EngineError> {
+        self.book.lock().shutdown = true;
+        self.book.cancel.cancel();
+        self.book.nudge();
+        self.book.wait(SHUTDOWN, |inner| inner.ended.then_some(())).ok_or_else(|| {
+            let waited = SHUTDOWN.as_secs();
+            EngineError::Storage(format!("no clean-up within {waited} s: switch the lamp's supply off by hand"))
+        })
+    }
+}
+
+fn idempotency(key: &str, request: &StartRequest) -> Result<Idempotency, EngineError> {
+    let request = serde_json::to_vec(request).map_err(|e| EngineError::Storage(e.to_string()))?;
+    Ok(Idempotency { key: key.into(), request_blake3: blake3::hash(&request).to_hex().to_string() })
+}
+
+/// The session an earlier call with this key made; refuses the key for another request.
+fn earlier_start(inner: &Inner, now: &Idempotency) -> Result<Option<Started>, EngineError> {
+    let with_key = |entry: &&Entry| entry.manifest.idempotency.as_ref().is_some_and(|i| i.key == now.key);
+    let Some(entry) = inner.sessions.values().find(with_key) else { return Ok(None) };
+    if entry.manifest.idempotency.as_ref() != Some(now) {
+        return Err(EngineError::KeyReused);
+    }
+    Ok(Some(Started { snapshot: entry.snapshot(), replayed: true }))
+}
+
+/// What can be known of a fit request before it runs.
+fn check_fit(request: &FitRequest, lights: usize) -> Result<(), PlanError> {
+    let mut reasons = Vec::new();
+    if request.materials == Some(0) {
+        reasons.push("materials: 0: at least 1 is needed, or leave the key out".to_owned());
+    }
+    if let Some(model) = request.model.as_deref().filter(|model| brdf::by_name(model).is_none()) {
+        let known: Vec<_> = brdf::MODELS.iter().map(|m| m.name()).collect();
+        let model: String = model.chars().take(40).collect();
+        reasons.push(format!("model: `{model}` is unknown: take one of {}", known.join(", ")));
+    }
+    let left_out = request.leave_out.as_deref().unwrap_or_default();
+    for (i, &light) in left_out.iter().enumerate() {
+        if light >= lights {
+            reasons.push(format!("leave_out[{i}]: {light}: the session has lights 0 to {}", lights.saturating_sub(1)));
+        } else if left_out.iter().take(i).any(|&other| other == light) {
+            reasons.push(format!("leave_out[{i}]: {light} is named twice: remove one"));
+        }
+    }
+    if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
 }

@@ -1,7 +1,16 @@
 //! One acquisition: plan (data), state machine, engine (owner of arm and camera), frame checks, fitting worker.
+mod acquire;
+pub mod bench;
+mod book;
+mod crop;
 pub mod engine;
 pub mod handle;
+mod ledger;
 pub mod plan;
-pub mod quality;
+pub mod processing;
+mod quality;
 pub mod state;
-pub mod worker;
+mod worker;
+
+/// Program and version, as manifests and images name it.
+pub const SOFTWARE: &str = concat!("rigd ", env!("CARGO_PKG_VERSION"));

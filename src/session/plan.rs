@@ -1,6 +1,6 @@
 //! A capture plan: pure data, checked whole before anything moves.
 
-use rig_config::Rig;
+use rig_config::{Rig, Shutter};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -62,9 +62,137 @@ pub struct PlanError {
     pub reasons: Vec<String>,
 }
 
+/// Most stations a plan may have: frame names hold three digits.
+pub const MAX_STATIONS: usize = 1000;
+/// Most exposures a bracket may have: frame names hold two digits.
+pub const MAX_EXPOSURES: usize = 100;
+/// Longest name, characters.
+pub const MAX_NAME: usize = 200;
+/// Download and bookkeeping of a frame, seconds: a guess, replaced by the measured pace once frames come in.
+const DOWNLOAD_S: f64 = 1.5;
+/// Bytes of a frame for each pixel: fine JPEGs take about half of it.
+const FRAME_BYTES_PER_PIXEL: u64 = 1;
+/// Bytes of a developed pixel: radiance and variance of three channels and validity, 32-bit.
+const RADIANCE_BYTES_PER_PIXEL: u64 = 28;
+/// Journal, manifest and result beside the images, bytes.
+const RECORDS_BYTES: u64 = 1 << 20;
+
 impl CapturePlan {
     /// Checks `request` against the rig; lists every mistake at once.
-    pub fn new(_rig: &Rig, _request: &StartRequest) -> Result<Self, PlanError> {
-        unimplemented!("filled on the session branch")
+    pub fn new(rig: &Rig, request: &StartRequest) -> Result<Self, PlanError> {
+        let mut reasons = Vec::new();
+        let name = request.name.clone().unwrap_or_else(|| rig.name.clone());
+        check_name(&name, &mut reasons);
+        let angles = request.stations_deg.clone().unwrap_or_else(|| rig.plan.stations_deg.clone());
+        check_stations(&angles, rig, &mut reasons);
+        let shutters = match &request.exposures {
+            Some(labels) => read_labels(labels, &mut reasons),
+            None => rig.plan.exposures.clone(),
+        };
+        check_bracket(&shutters, &mut reasons);
+        if !reasons.is_empty() {
+            return Err(PlanError { reasons });
+        }
+        let station = |&angle_deg: &f64| Station { angle_deg, light_position_mm: rig.lamp.position_mm(angle_deg) };
+        let exposure = |shutter: &Shutter| PlannedExposure { label: shutter.label.clone(), true_s: shutter.true_s };
+        let mut plan = Self {
+            name,
+            stations: angles.iter().map(station).collect(),
+            exposures: shutters.iter().map(exposure).collect(),
+            frames: angles.len() * shutters.len(),
+            estimated_s: 0.0,
+            estimated_bytes: 0,
+        };
+        plan.estimated_s = plan.seconds(rig);
+        plan.estimated_bytes = plan.bytes(rig);
+        Ok(plan)
     }
+
+    /// Time one exposure takes with download, seconds.
+    pub fn frame_s(&self, exposure: usize) -> f64 {
+        self.exposures.get(exposure).map_or(0.0, |e| e.true_s + DOWNLOAD_S)
+    }
+
+    /// Soak, every move with its settling, every frame, and the way back to the park position, seconds.
+    fn seconds(&self, rig: &Rig) -> f64 {
+        let stops = self.stations.iter().map(|s| s.angle_deg).chain([rig.arm.park_deg]);
+        let (mut moves, mut at) = (0.0, rig.arm.park_deg);
+        for angle in stops {
+            moves += move_s(angle - at, rig.arm.speed_deg_s, rig.arm.acceleration_deg_s2);
+            at = angle;
+        }
+        let bracket: f64 = (0..self.exposures.len()).map(|e| self.frame_s(e)).sum();
+        rig.lamp.soak_s + moves + self.stations.len() as f64 * (rig.arm.settle_s + bracket)
+    }
+
+    fn bytes(&self, rig: &Rig) -> u64 {
+        let pixels = rig.camera.width as u64 * rig.camera.height as u64;
+        let developed = super::crop::of_object(rig).map_or(pixels, |c| c.width as u64 * c.height as u64);
+        let frames = self.frames as u64 * pixels * FRAME_BYTES_PER_PIXEL;
+        frames + self.stations.len() as u64 * developed * RADIANCE_BYTES_PER_PIXEL + RECORDS_BYTES
+    }
+}
+
+/// Time of a move with constant acceleration up to a greatest speed, seconds.
+fn move_s(angle_deg: f64, speed_deg_s: f64, acceleration_deg_s2: f64) -> f64 {
+    let angle = angle_deg.abs();
+    let ramps = speed_deg_s * speed_deg_s / acceleration_deg_s2;
+    if angle < ramps { 2.0 * (angle / acceleration_deg_s2).sqrt() } else { (angle + ramps) / speed_deg_s }
+}
+
+fn check_name(name: &str, reasons: &mut Vec<String>) {
+    if name.trim().is_empty() {
+        reasons.push("name: it is empty: give a name or leave the key out".into());
+    }
+    let length = name.chars().count();
+    if length > MAX_NAME {
+        reasons.push(format!("name: {length} characters, at most {MAX_NAME}: shorten it"));
+    }
+    if name.chars().any(char::is_control) {
+        reasons.push("name: it holds a control character: remove it".into());
+    }
+}
+
+fn check_stations(angles: &[f64], rig: &Rig, reasons: &mut Vec<String>) {
+    if angles.is_empty() || angles.len() > MAX_STATIONS {
+        reasons.push(format!("stations_deg: {} stations, from 1 to {MAX_STATIONS} are possible", angles.len()));
+        return;
+    }
+    let [low, high] = rig.arm.travel_deg;
+    for (i, &angle) in angles.iter().enumerate() {
+        if !(low..=high).contains(&angle) {
+            reasons.push(format!("stations_deg[{i}]: {angle} is outside the arm's travel of {low} to {high} degrees"));
+        } else if let Some(j) = angles.iter().take(i).position(|&a| (a - angle).abs() <= rig.arm.tolerance_deg) {
+            reasons.push(format!("stations_deg[{i}]: {angle} repeats stations_deg[{j}]: remove one"));
+        }
+    }
+}
+
+fn read_labels(labels: &[String], reasons: &mut Vec<String>) -> Vec<Shutter> {
+    let mut shutters = Vec::new();
+    for (i, label) in labels.iter().enumerate() {
+        match Shutter::from_label(label) {
+            Ok(shutter) => shutters.push(shutter),
+            Err(error) => reasons.push(format!("exposures[{i}]: {error}")),
+        }
+    }
+    shutters
+}
+
+fn check_bracket(shutters: &[Shutter], reasons: &mut Vec<String>) {
+    if shutters.is_empty() && reasons.iter().all(|r| !r.starts_with("exposures")) || shutters.len() > MAX_EXPOSURES {
+        reasons.push(format!("exposures: {} exposures, from 1 to {MAX_EXPOSURES} are possible", shutters.len()));
+        return;
+    }
+    for (i, shutter) in shutters.iter().enumerate() {
+        if let Some(earlier) = shutters.iter().take(i).find(|s| third_stop(s.true_s) == third_stop(shutter.true_s)) {
+            reasons.push(format!("exposures: {} repeats {}: remove one", shutter.label, earlier.label));
+        }
+    }
+}
+
+/// Index k of the third stop nearest to `seconds`: the true time is 2^(k/3) s. Times are compared by it, because bodies and
+/// EXIF round them differently (15 and 16 s are the same shutter speed).
+pub fn third_stop(seconds: f64) -> i64 {
+    (3.0 * seconds.log2()).round() as i64
 }

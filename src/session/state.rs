@@ -60,3 +60,157 @@ pub enum Verb {
     /// End now, clean up, fit nothing.
     Abort,
 }
+
+impl Verb {
+    /// Every verb.
+    pub const ALL: [Self; 4] = [Self::Pause, Self::Resume, Self::Stop, Self::Abort];
+}
+
+/// What can happen to a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A user asked for something.
+    Asked(Verb),
+    /// Arm, camera and lamp are ready.
+    Ready,
+    /// The engine stands between two frames.
+    SafePoint,
+    /// A condition outside the session keeps it from going on (disk space).
+    ConditionLost,
+    /// The condition is back.
+    ConditionBack,
+    /// Every planned frame is committed.
+    FramesIn,
+    /// All that was left to do in this state is done.
+    Done,
+    /// The session cannot go on.
+    Fault,
+    /// The daemon ends, or ended, with the session unfinished.
+    DaemonEnded,
+}
+
+/// The event makes no sense in the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{event:?} cannot happen to a session that is {state:?}")]
+pub struct WrongEvent {
+    /// The session's state.
+    pub state: SessionState,
+    /// What was to happen.
+    pub event: Event,
+}
+
+/// The state after `event`: the only place where a session's state is decided.
+pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEvent> {
+    use SessionState as S;
+    let after = match (state, event) {
+        (S::Preflight, Event::Ready) => S::Running,
+        (S::Running, Event::Asked(Verb::Pause)) => S::Pausing,
+        (S::Pausing, Event::SafePoint) => S::Paused,
+        (S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Resume)) => S::Running,
+        (S::Running | S::Pausing, Event::ConditionLost) => S::Suspended,
+        (S::Suspended, Event::ConditionBack) => S::Running,
+        (S::Running | S::Pausing, Event::FramesIn) => S::Fitting,
+        (S::Fitting, Event::Done) => S::Completed,
+        (S::Stopping, Event::Done) => S::Stopped,
+        (S::Aborting, Event::Done) => S::Aborted,
+        (S::Preflight | S::Running | S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Stop)) => S::Stopping,
+        (
+            S::Preflight | S::Running | S::Pausing | S::Paused | S::Suspended | S::Fitting | S::Stopping,
+            Event::Asked(Verb::Abort),
+        ) => S::Aborting,
+        (state, Event::Fault) if !state.is_final() => S::Failed,
+        (state, Event::DaemonEnded) if !state.is_final() => S::Interrupted,
+        (state, event) => return Err(WrongEvent { state, event }),
+    };
+    Ok(after)
+}
+
+/// What a user can ask of a session in this state.
+pub fn allowed(state: SessionState) -> Vec<Verb> {
+    Verb::ALL.into_iter().filter(|&verb| next(state, Event::Asked(verb)).is_ok()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use SessionState as S;
+
+    const STATES: [S; 14] = [
+        S::Preflight,
+        S::Running,
+        S::Pausing,
+        S::Paused,
+        S::Suspended,
+        S::Fitting,
+        S::Stopping,
+        S::Aborting,
+        S::Completed,
+        S::Stopped,
+        S::Aborted,
+        S::Halted,
+        S::Failed,
+        S::Interrupted,
+    ];
+
+    fn events() -> Vec<Event> {
+        let own = [
+            Event::Ready,
+            Event::SafePoint,
+            Event::ConditionLost,
+            Event::ConditionBack,
+            Event::FramesIn,
+            Event::Done,
+            Event::Fault,
+            Event::DaemonEnded,
+        ];
+        own.into_iter().chain(Verb::ALL.map(Event::Asked)).collect()
+    }
+
+    /// The verbs of each state, written down by hand.
+    #[test]
+    fn verbs_per_state() {
+        use Verb::{Abort, Pause, Resume, Stop};
+        let table = [
+            (S::Preflight, vec![Stop, Abort]),
+            (S::Running, vec![Pause, Stop, Abort]),
+            (S::Pausing, vec![Resume, Stop, Abort]),
+            (S::Paused, vec![Resume, Stop, Abort]),
+            (S::Suspended, vec![Resume, Stop, Abort]),
+            (S::Fitting, vec![Abort]),
+            (S::Stopping, vec![Abort]),
+            (S::Aborting, vec![]),
+        ];
+        for (state, verbs) in table {
+            assert_eq!(allowed(state), verbs, "{state:?}");
+        }
+    }
+
+    #[test]
+    fn final_states_stay_and_every_other_has_a_way_to_every_kind_of_end() {
+        for state in STATES {
+            let ways: Vec<S> = events().into_iter().filter_map(|event| next(state, event).ok()).collect();
+            assert_eq!(ways.is_empty(), state.is_final(), "{state:?}");
+            if !state.is_final() {
+                assert_eq!(next(state, Event::Fault), Ok(S::Failed));
+                assert_eq!(next(state, Event::DaemonEnded), Ok(S::Interrupted));
+                assert!(!ways.contains(&state), "{state:?} has a transition to itself");
+            }
+        }
+    }
+
+    #[test]
+    fn every_state_but_halted_can_be_reached() {
+        let mut reached = vec![S::Preflight];
+        let mut i = 0;
+        while let Some(&state) = reached.get(i) {
+            let new: Vec<S> = events().into_iter().filter_map(|event| next(state, event).ok()).collect();
+            for state in new {
+                if !reached.contains(&state) {
+                    reached.push(state);
+                }
+            }
+            i += 1;
+        }
+        assert!(STATES.iter().all(|state| reached.contains(state) || *state == S::Halted));
+    }
+}

@@ -1,1 +1,162 @@
+//! The embedded fitting worker: one thread that develops station k while station k + 1 is shot, then fits; also serves refits.
 
+use super::book::Book;
+use super::handle::FitRequest;
+use super::processing::{Bracket, FitJob, Processing};
+use super::state::SessionState;
+use crate::pipeline::fit::FitProgress;
+use serde_json::{Value, json};
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::{Duration, Instant};
+
+/// Jobs that may wait: beyond it the engine waits too, so that frames never pile up unseen.
+const QUEUE: usize = 2;
+/// Least time between two `fit.progress` records.
+const PROGRESS_EVERY: Duration = Duration::from_millis(500);
+
+/// Something for the worker to do.
+pub enum Job {
+    /// Develop a complete bracket.
+    Develop {
+        /// Session id.
+        session: String,
+        /// Index of the light station.
+        station: usize,
+    },
+    /// Fit what is complete.
+    Fit {
+        /// Session id.
+        session: String,
+        /// What differs from the rig file.
+        request: FitRequest,
+        /// Told how it went, if someone waits.
+        done: Option<SyncSender<Result<(), String>>>,
+    },
+}
+
+/// Starts the worker's thread; it ends when every sender is gone.
+pub fn spawn(book: Arc<Book>, processing: Box<dyn Processing>) -> std::io::Result<SyncSender<Job>> {
+    let (sender, jobs) = sync_channel(QUEUE);
+    let worker = Worker { book, processing };
+    std::thread::Builder::new().name("worker".into()).spawn(move || worker.run(&jobs))?;
+    Ok(sender)
+}
+
+struct Worker {
+    book: Arc<Book>,
+    processing: Box<dyn Processing>,
+}
+
+impl Worker {
+    fn run(mut self, jobs: &Receiver<Job>) {
+        for job in jobs {
+            match job {
+                Job::Develop { session, station } => self.develop_live(&session, station),
+                Job::Fit { session, request, done } => {
+                    let result = self.fit(&session, request);
+                    self.journal_fit(&session, &result);
+                    if let Some(done) = done {
+                        // The engine may have gone on without the fit.
+                        let _ = done.send(result.map(|_| ()));
+                    }
+                }
+            }
+            self.book.nudge();
+        }
+    }
+
+    /// Develops a bracket while the session goes on; a failure is left for the engine to find at its next safe point.
+    fn develop_live(&mut self, session: &str, station: usize) {
+        if broken_off(&self.book, session) {
+            return;
+        }
+        if let Err(reason) = self.develop(session, station) {
+            self.book.look(session, |entry| entry.worker_fault = Some(reason));
+        }
+    }
+
+    fn develop(&mut self, session: &str, station: usize) -> Result<(), String> {
+        let bracket = self
+            .book
+            .look(session, |entry| {
+                let frames = entry.ledger.bracket(station)?;
+                let (session, directory) = (session.to_owned(), entry.directory.clone());
+                Some(Bracket { session, directory, station, frames })
+            })
+            .flatten()
+            .ok_or_else(|| format!("the bracket of station {station} is not complete"))?;
+        let start = Instant::now();
+        let processing = &mut self.processing;
+        guarded(|| processing.develop(&bracket)).map_err(|e| format!("station {station} cannot be developed: {e}"))?;
+        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64()});
+        self.book.record(session, "station.developed", fields).map_err(|e| e.to_string())
+    }
+
+    fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
+        let (complete, missing, job) = self
+            .book
+            .look(session, |entry| {
+                let ledger = &entry.ledger;
+                let complete = (0..entry.plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
+                let light_positions_mm =
+                    entry.plan.stations.iter().take(complete).map(|s| s.light_position_mm).collect();
+                let missing = (0..complete).any(|station| !ledger.is_developed(station));
+                (complete, missing, FitJob { directory: entry.directory.clone(), light_positions_mm, request })
+            })
+            .ok_or("there is no such session")?;
+        if complete == 0 {
+            return Err("no station has a complete bracket: there is nothing to fit".into());
+        }
+        if missing {
+            for station in 0..complete {
+                self.develop(session, station)?;
+            }
+        }
+        let (book, mut last) = (Arc::clone(&self.book), None::<Instant>);
+        let mut progress = |at: FitProgress| {
+            if last.is_none_or(|last| last.elapsed() >= PROGRESS_EVERY) {
+                last = Some(Instant::now());
+                book.note(session, "fit.progress", json!({"iteration": at.iteration, "cost": at.cost}));
+            }
+            if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let processing = &mut self.processing;
+        guarded(|| processing.fit(&job, &mut progress))
+    }
+
+    fn journal_fit(&self, session: &str, result: &Result<Value, String>) {
+        let fields = match result {
+            Ok(report) => {
+                let keys = ["mean_relative_error", "left_out_relative_error", "iterations", "termination"];
+                let mut fields = json!({"error": null});
+                for key in keys {
+                    fields[key] = report[key].clone();
+                }
+                fields
+            }
+            Err(reason) => json!({"error": reason, "mean_relative_error": null}),
+        };
+        self.book.note(session, "fit.finished", fields);
+    }
+}
+
+/// True when nobody wants the session's work any more.
+fn broken_off(book: &Book, session: &str) -> bool {
+    let inner = book.lock();
+    let state = inner.entry(session).map(super::book::Entry::state);
+    inner.shutdown || state.is_ok_and(|state| state == SessionState::Aborting)
+}
+
+/// A panic in the numerics is a reason, not the end of the worker.
+fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(format!("internal error: {}", message(&*panic))))
+}
+
+/// What a panic said.
+pub(super) fn message(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("a panic without a message").to_owned()
+}

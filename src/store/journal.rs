@@ -1,1 +1,233 @@
+//! The journal of a session: one JSON object a line, numbered from 1 without gaps, each naming the blake3 of the line before.
+//!
+//! Every record has `seq`, `time` (RFC 3339), `type`, `session`, `simulated` and `prev` (null in the first). A record counts once
+//! `append` has returned: the line is then on disk. A last line that a crash left half written never counted and is cut.
 
+use super::{Disk, Step, StoreError, io_error, sync_directory};
+use serde_json::{Map, Value, json};
+use std::fs::{File, OpenOptions};
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// File name in the session directory.
+pub const FILE: &str = "journal.jsonl";
+
+/// A journal open for writing.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    disk: Arc<dyn Disk>,
+    session: String,
+    simulated: bool,
+    seq: u64,
+    prev: Option<String>,
+    length: u64,
+    unusable: Option<String>,
+}
+
+/// What a journal file says.
+#[derive(Clone, Debug, Default)]
+pub struct Read {
+    /// The records up to the first fault.
+    pub records: Vec<Value>,
+    /// Bytes of the file that hold those records.
+    pub length: u64,
+    /// Why the rest cannot be trusted: a broken number or hash chain. A torn last line is no fault.
+    pub fault: Option<String>,
+}
+
+/// Reads a journal without changing it.
+pub fn read(path: &Path) -> Result<Read, StoreError> {
+    let bytes = std::fs::read(path).map_err(|e| io_error("read", path, &e))?;
+    Ok(parse(&bytes))
+}
+
+/// Takes lines as long as each follows from the one before.
+fn parse(bytes: &[u8]) -> Read {
+    let mut read = Read::default();
+    let mut prev: Option<String> = None;
+    for line in bytes.split_inclusive(|&b| b == b'\n') {
+        let last = read.length as usize + line.len() == bytes.len();
+        let Some(text) = line.strip_suffix(b"\n") else { break };
+        match check(text, read.records.len() as u64 + 1, prev.as_deref()) {
+            Ok(record) => read.records.push(record),
+            // Unreadable at the very end is a torn write; anywhere else somebody changed the file.
+            Err(Fault::Unreadable(_)) if last => break,
+            Err(Fault::Unreadable(reason) | Fault::Chain(reason)) => {
+                read.fault = Some(format!("line {}: {reason}", read.records.len() + 1));
+                break;
+            }
+        }
+        prev = Some(hash(text));
+        read.length += line.len() as u64;
+    }
+    read
+}
+
+enum Fault {
+    Unreadable(String),
+    Chain(String),
+}
+
+fn check(text: &[u8], seq: u64, prev: Option<&str>) -> Result<Value, Fault> {
+    let record: Value = serde_json::from_slice(text).map_err(|e| Fault::Unreadable(format!("not JSON: {e}")))?;
+    if record["seq"] != json!(seq) {
+        return Err(Fault::Chain(format!("seq is {}, not {seq}: a line is missing or was added", record["seq"])));
+    }
+    if record["prev"] != json!(prev) {
+        return Err(Fault::Chain("prev is not the hash of the line before: a line was changed".into()));
+    }
+    Ok(record)
+}
+
+fn hash(line: &[u8]) -> String {
+    blake3::hash(line).to_hex().to_string()
+}
+
+impl Journal {
+    /// Starts the journal of a new session.
+    pub fn create(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+        let file =
+            OpenOptions::new().write(true).create_new(true).open(path).map_err(|e| io_error("create", path, &e))?;
+        if let Some(directory) = path.parent() {
+            sync_directory(disk.as_ref(), directory)?;
+        }
+        let (path, session) = (path.to_path_buf(), session.to_owned());
+        Ok(Self { path, file, disk, session, simulated, seq: 0, prev: None, length: 0, unusable: None })
+    }
+
+    /// Opens the journal of an earlier session: cuts a torn last line, refuses a broken chain.
+    pub fn open(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+        let bytes = std::fs::read(path).map_err(|e| io_error("read", path, &e))?;
+        let read = parse(&bytes);
+        let path = path.to_path_buf();
+        if let Some(reason) = read.fault {
+            return Err(StoreError::Corrupt { path: path.display().to_string(), reason });
+        }
+        let mut file = OpenOptions::new().write(true).open(&path).map_err(|e| io_error("open", &path, &e))?;
+        file.set_len(read.length)
+            .and_then(|()| file.sync_all())
+            .and_then(|()| file.seek(SeekFrom::Start(read.length)).map(|_| ()))
+            .map_err(|e| io_error("cut the torn last line of", &path, &e))?;
+        let good = bytes.get(..read.length as usize).unwrap_or_default();
+        let prev = good.split(|&b| b == b'\n').rfind(|line| !line.is_empty()).map(hash);
+        let seq = read.records.len() as u64;
+        let session = session.to_owned();
+        Ok(Self { path, file, disk, session, simulated, seq, prev, length: read.length, unusable: None })
+    }
+
+    /// Tells the journal the new name of its directory, for messages.
+    pub(super) fn moved_to(&mut self, directory: &Path) {
+        self.path = directory.join(FILE);
+    }
+
+    /// Appends a record and forces it to disk; returns it as written.
+    pub fn append(&mut self, kind: &str, fields: Map<String, Value>) -> Result<Value, StoreError> {
+        if let Some(reason) = &self.unusable {
+            return Err(StoreError::Corrupt { path: self.path.display().to_string(), reason: reason.clone() });
+        }
+        let mut record = fields;
+        record.insert("seq".into(), json!(self.seq + 1));
+        record.insert("time".into(), json!(jiff::Timestamp::now().to_string()));
+        record.insert("type".into(), json!(kind));
+        record.insert("session".into(), json!(self.session));
+        record.insert("simulated".into(), json!(self.simulated));
+        record.insert("prev".into(), json!(self.prev));
+        let mut line = Value::Object(record).to_string().into_bytes();
+        // What memory holds is what a reader of the file gets, to the last digit of a number.
+        let record = serde_json::from_slice(&line)
+            .map_err(|e| StoreError::Corrupt { path: self.path.display().to_string(), reason: e.to_string() })?;
+        let prev = hash(&line);
+        line.push(b'\n');
+        self.write(&line)?;
+        self.seq += 1;
+        self.prev = Some(prev);
+        self.length += line.len() as u64;
+        Ok(record)
+    }
+
+    fn write(&mut self, line: &[u8]) -> Result<(), StoreError> {
+        let written = self.disk.before(Step::Append).and_then(|()| self.file.write_all(line));
+        if let Err(error) = written {
+            self.cut_back();
+            return Err(io_error("append to", &self.path, &error));
+        }
+        self.disk.before(Step::SyncJournal).and_then(|()| self.file.sync_data()).map_err(|error| {
+            // After a failed sync the kernel may have dropped the page: what is on disk is unknown, so nothing more is promised.
+            self.unusable = Some(format!("a sync failed ({error}): restart the daemon, which reads what is there"));
+            io_error("sync", &self.path, &error)
+        })
+    }
+
+    /// Takes back what a failed write may have left, so that the next line starts clean.
+    fn cut_back(&mut self) {
+        let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
+        if let Err(error) = cut {
+            self.unusable = Some(format!("a half-written line could not be cut ({error}): restart the daemon"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::store::RealDisk;
+
+    fn written(directory: &Path, records: usize) -> PathBuf {
+        let path = directory.join("journal.jsonl");
+        let mut journal = Journal::create(&path, "s", true, Arc::new(RealDisk)).unwrap();
+        for i in 0..records {
+            journal.append("test", json!({ "i": i }).as_object().unwrap().clone()).unwrap();
+        }
+        path
+    }
+
+    #[test]
+    fn numbers_and_chain_are_as_an_outsider_computes_them() {
+        let directory = tempfile::tempdir().unwrap();
+        let text = std::fs::read_to_string(written(directory.path(), 4)).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        for (i, line) in lines.iter().enumerate() {
+            let record: Value = serde_json::from_str(line).unwrap();
+            assert_eq!(record["seq"], i + 1);
+            assert_eq!(record["i"], i);
+            let expected = (i > 0).then(|| blake3::hash(lines[i - 1].as_bytes()).to_hex().to_string());
+            assert_eq!(record["prev"], json!(expected));
+            assert!(record["time"].as_str().unwrap().parse::<jiff::Timestamp>().is_ok());
+        }
+    }
+
+    #[test]
+    fn cut_at_any_byte_keeps_the_whole_lines_and_goes_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = written(directory.path(), 3);
+        let whole = std::fs::read(&path).unwrap();
+        for length in 0..=whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let kept = whole[..length].iter().filter(|&&b| b == b'\n').count();
+            let mut journal = Journal::open(&path, "s", true, Arc::new(RealDisk)).unwrap();
+            journal.append("after", Map::new()).unwrap();
+            let read = read(&path).unwrap();
+            assert_eq!((read.records.len(), read.fault), (kept + 1, None), "cut at {length}");
+        }
+    }
+
+    #[test]
+    fn a_changed_removed_or_added_line_is_reported_with_its_number() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = written(directory.path(), 4);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = text.split_inclusive('\n').collect();
+        let changed = text.replacen("\"i\":1", "\"i\":7", 1);
+        let removed = [lines[0], lines[2], lines[3]].concat();
+        let added = [lines[0], lines[0], lines[1]].concat();
+        for (bad, line) in [(changed, "line 3"), (removed, "line 2"), (added, "line 2")] {
+            std::fs::write(&path, bad).unwrap();
+            let fault = read(&path).unwrap().fault.unwrap();
+            assert!(fault.starts_with(line), "{fault}");
+            assert!(matches!(Journal::open(&path, "s", true, Arc::new(RealDisk)), Err(StoreError::Corrupt { .. })));
+        }
+    }
+}

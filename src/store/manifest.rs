@@ -1,1 +1,67 @@
+//! The manifest of a session: what was meant to happen, on what, with which software.
 
+use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+
+/// File name in the session directory.
+pub const FILE: &str = "manifest.json";
+
+/// What is fixed about a session.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Version of this file's shape.
+    pub format: u32,
+    /// Session id, a UUID v7.
+    pub id: String,
+    /// Name of the sampled object.
+    pub name: String,
+    /// Start, RFC 3339.
+    pub started: String,
+    /// Program and version that made the session.
+    pub software: String,
+    /// True when arm or camera is simulated.
+    pub simulated: bool,
+    /// The plan as accepted.
+    pub plan: Value,
+    /// The rig file, word for word.
+    pub rig_file: String,
+    /// Firmware of the arm, once it has answered.
+    pub arm: Option<String>,
+    /// Model of the camera, once it has answered.
+    pub camera: Option<String>,
+    /// The request's Idempotency-Key, if it had one.
+    pub idempotency: Option<Idempotency>,
+}
+
+/// An Idempotency-Key and the request it belongs to.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Idempotency {
+    /// The key.
+    pub key: String,
+    /// blake3 of the request's canonical JSON.
+    pub request_blake3: String,
+}
+
+/// Reads `directory/manifest.json`.
+pub fn read(directory: &Path) -> Result<Manifest, StoreError> {
+    let path = directory.join(FILE);
+    let bytes = std::fs::read(&path).map_err(|e| io_error("read", &path, &e))?;
+    serde_json::from_slice(&bytes)
+        .map_err(|e| StoreError::Corrupt { path: path.display().to_string(), reason: format!("no manifest: {e}") })
+}
+
+/// Writes `directory/manifest.json`; a crash leaves the old one or the new one, never half of either.
+pub fn write(disk: &dyn Disk, directory: &Path, manifest: &Manifest) -> Result<(), StoreError> {
+    let path = directory.join(FILE);
+    let temporary = directory.join(format!(".{FILE}.tmp"));
+    let bytes = serde_json::to_vec_pretty(manifest)
+        .map_err(|e| StoreError::Corrupt { path: path.display().to_string(), reason: e.to_string() })?;
+    remove_if_there(disk, &temporary)?;
+    write_synced(disk, &temporary, &bytes)?;
+    disk.before(Step::Rename)
+        .and_then(|()| std::fs::rename(&temporary, &path))
+        .map_err(|e| io_error("name", &path, &e))?;
+    sync_directory(disk, directory)
+}

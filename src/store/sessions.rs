@@ -1,1 +1,175 @@
+//! The data directory: its lock, its sessions, and the room that is left.
 
+use super::journal::{self, Journal};
+use super::manifest::{self, Manifest};
+use super::{Disk, RealDisk, Step, StoreError, frames, io_error, sync_directory};
+use serde_json::{Map, Value};
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Prefix of a session directory that is still being made.
+const UNFINISHED: &str = ".new-";
+
+/// The data directory, held exclusively for as long as this value lives.
+pub struct Store {
+    directory: PathBuf,
+    reserve_bytes: u64,
+    disk: Arc<dyn Disk>,
+    _lock: File,
+}
+
+/// A session found on disk.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// Its directory.
+    pub directory: PathBuf,
+    /// Its manifest.
+    pub manifest: Manifest,
+    /// What its journal says.
+    pub journal: journal::Read,
+}
+
+impl Store {
+    /// Opens `directory` (made if missing) and locks it; `reserve_bytes` stay free for journal and shutdown.
+    pub fn open(directory: &Path, reserve_bytes: u64) -> Result<Self, StoreError> {
+        Self::open_on(directory, reserve_bytes, Arc::new(RealDisk))
+    }
+
+    /// [`Store::open`] on a given disk.
+    pub fn open_on(directory: &Path, reserve_bytes: u64, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+        let sessions = directory.join("sessions");
+        std::fs::create_dir_all(&sessions).map_err(|e| io_error("create", &sessions, &e))?;
+        let path = directory.join("lock");
+        let lock = File::create(&path).map_err(|e| io_error("open", &path, &e))?;
+        lock.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => StoreError::Locked { path: path.display().to_string() },
+            TryLockError::Error(error) => io_error("lock", &path, &error),
+        })?;
+        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, _lock: lock })
+    }
+
+    /// The disk, for frame writes outside the store's owner.
+    pub fn disk(&self) -> Arc<dyn Disk> {
+        Arc::clone(&self.disk)
+    }
+
+    /// Refuses when `bytes` more would eat into the reserve.
+    pub fn check_space(&self, bytes: u64) -> Result<(), StoreError> {
+        check_space(self.disk.as_ref(), &self.directory, bytes, self.reserve_bytes)
+    }
+
+    /// What a frame writer needs to know of the store.
+    pub fn frame_writer(&self, session: &Path) -> FrameWriter {
+        FrameWriter { disk: self.disk(), directory: session.join("frames"), reserve_bytes: self.reserve_bytes }
+    }
+
+    /// Makes a session directory with its manifest and first journal record; it appears whole or not at all.
+    pub fn create(
+        &self,
+        manifest: &Manifest,
+        kind: &str,
+        fields: Map<String, Value>,
+    ) -> Result<(PathBuf, Journal, Value), StoreError> {
+        let sessions = self.directory.join("sessions");
+        let unfinished = sessions.join(format!("{UNFINISHED}{}", manifest.id));
+        let last = sessions.join(&manifest.id);
+        for name in ["frames", "radiance"] {
+            let path = unfinished.join(name);
+            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+        }
+        manifest::write(self.disk.as_ref(), &unfinished, manifest)?;
+        let path = unfinished.join(journal::FILE);
+        let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, self.disk())?;
+        let record = journal.append(kind, fields)?;
+        self.disk
+            .before(Step::Rename)
+            .and_then(|()| std::fs::rename(&unfinished, &last))
+            .map_err(|e| io_error("name", &last, &e))?;
+        journal.moved_to(&last);
+        sync_directory(self.disk.as_ref(), &sessions)?;
+        Ok((last, journal, record))
+    }
+
+    /// Every session on disk, oldest first, and what could not be read. Directories that a crash left unfinished are removed.
+    pub fn sessions(&self) -> Result<(Vec<Found>, Vec<StoreError>), StoreError> {
+        let path = self.directory.join("sessions");
+        let (mut found, mut unreadable) = (Vec::new(), Vec::new());
+        let entries = std::fs::read_dir(&path).map_err(|e| io_error("list", &path, &e))?;
+        for entry in entries {
+            let directory = entry.map_err(|e| io_error("list", &path, &e))?.path();
+            let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            if name.starts_with(UNFINISHED) {
+                std::fs::remove_dir_all(&directory).map_err(|e| io_error("remove", &directory, &e))?;
+                continue;
+            }
+            match read_session(&directory) {
+                Ok(session) => found.push(session),
+                Err(error) => unreadable.push(error),
+            }
+        }
+        found.sort_by(|a, b| a.manifest.id.cmp(&b.manifest.id));
+        Ok((found, unreadable))
+    }
+
+    /// Opens a session's journal for more records.
+    pub fn open_journal(&self, directory: &Path, manifest: &Manifest) -> Result<Journal, StoreError> {
+        Journal::open(&directory.join(journal::FILE), &manifest.id, manifest.simulated, self.disk())
+    }
+
+    /// Removes what a crash left in `frames/` and the journal does not know; returns the names.
+    pub fn remove_strays(
+        &self,
+        directory: &Path,
+        journalled: impl Fn(&str) -> bool,
+    ) -> Result<Vec<String>, StoreError> {
+        frames::remove_strays(self.disk.as_ref(), &directory.join("frames"), journalled)
+    }
+}
+
+fn read_session(directory: &Path) -> Result<Found, StoreError> {
+    let manifest = manifest::read(directory)?;
+    let journal = journal::read(&directory.join(journal::FILE))?;
+    Ok(Found { directory: directory.to_path_buf(), manifest, journal })
+}
+
+fn check_space(disk: &dyn Disk, path: &Path, bytes: u64, reserve_bytes: u64) -> Result<(), StoreError> {
+    let free = disk.free_bytes(path).map_err(|e| io_error("ask the free space of", path, &e))?;
+    let needed = bytes.saturating_add(reserve_bytes);
+    if free < needed {
+        return Err(StoreError::NoSpace { path: path.display().to_string(), needed, free });
+    }
+    Ok(())
+}
+
+/// Writes frames of one session without holding the store.
+#[derive(Clone)]
+pub struct FrameWriter {
+    disk: Arc<dyn Disk>,
+    directory: PathBuf,
+    reserve_bytes: u64,
+}
+
+impl FrameWriter {
+    /// Makes `bytes` durable under `name`, unless that would eat into the reserve.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        self.check_space(bytes.len() as u64)?;
+        frames::write(self.disk.as_ref(), &self.directory, name, bytes).map_err(|error| match error {
+            StoreError::NoSpace { path, .. } => {
+                let needed = (bytes.len() as u64).saturating_add(self.reserve_bytes);
+                StoreError::NoSpace { path, needed, free: self.disk.free_bytes(&self.directory).unwrap_or(0) }
+            }
+            other => other,
+        })
+    }
+
+    /// Takes back a frame whose journal line could not be written.
+    pub fn take_back(&self, name: &str) -> Result<(), StoreError> {
+        frames::take_back(self.disk.as_ref(), &self.directory, name)
+    }
+
+    /// Refuses when `bytes` more would eat into the reserve.
+    pub fn check_space(&self, bytes: u64) -> Result<(), StoreError> {
+        check_space(self.disk.as_ref(), &self.directory, bytes, self.reserve_bytes)
+    }
+}

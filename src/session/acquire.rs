@@ -1,0 +1,405 @@
+//! One acquisition: stations, brackets, frames. A frame counts once it is shot, verified, on disk and journalled, in this order.
+
+use super::bench::Bench;
+use super::book::{Book, Inner};
+use super::plan::CapturePlan;
+use super::quality::{self, Fingerprint};
+use super::state::{Event, SessionState};
+use super::worker::Job;
+use crate::devices::arm::ArmError;
+use crate::devices::camera::{CameraError, RawFrame, Shot};
+use crate::store::sessions::FrameWriter;
+use crate::store::{StoreError, frames};
+use rig_config::{Rig, Shutter};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::time::{Duration, Instant};
+
+/// Retakes of a frame before the session is given up.
+const RETAKES: usize = 2;
+/// Recoveries of the arm a session may need, with the wait before each, seconds.
+const RECOVERY_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
+/// Time between two looks at a full disk, seconds.
+const RECHECK_S: f64 = 3.0;
+/// A wait without an end of its own is renewed this often.
+const LONG: Duration = Duration::from_secs(3600);
+
+/// Why an acquisition ended before its last frame.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ended {
+    /// A user asked for a stop.
+    Stopped,
+    /// A user asked for an abort.
+    Aborted,
+    /// The daemon ends.
+    ShutDown,
+    /// It cannot go on, for this reason.
+    Failed(String),
+}
+
+/// What breaks off a bracket.
+enum Trouble {
+    /// The arm must be recovered; then the station is shot again from its first exposure.
+    Arm(String),
+    /// The acquisition is over.
+    End(Ended),
+}
+
+impl From<Ended> for Trouble {
+    fn from(ended: Ended) -> Self {
+        Self::End(ended)
+    }
+}
+
+/// A running acquisition.
+pub struct Acquisition<'a> {
+    id: &'a str,
+    rig: &'a Rig,
+    plan: CapturePlan,
+    shutters: Vec<Shutter>,
+    book: &'a Book,
+    bench: &'a mut Bench,
+    worker: &'a SyncSender<Job>,
+    writer: FrameWriter,
+    speed: f64,
+    attempts: BTreeMap<(usize, usize), usize>,
+    bracket: usize,
+    recoveries: usize,
+    last: Option<Fingerprint>,
+    start: Instant,
+    held: Duration,
+}
+
+impl<'a> Acquisition<'a> {
+    /// Takes up the session `id` of the book; none when the book does not know it.
+    pub fn new(
+        id: &'a str,
+        rig: &'a Rig,
+        book: &'a Book,
+        bench: &'a mut Bench,
+        worker: &'a SyncSender<Job>,
+        speed: f64,
+    ) -> Option<Self> {
+        let plan = book.look(id, |entry| entry.plan.clone())?;
+        let writer = book.frame_writer(id)?;
+        let shutters = plan.exposures.iter().filter_map(|exposure| Shutter::from_label(&exposure.label).ok()).collect();
+        Some(Self {
+            id,
+            rig,
+            plan,
+            shutters,
+            book,
+            bench,
+            worker,
+            writer,
+            speed,
+            attempts: BTreeMap::new(),
+            bracket: 0,
+            recoveries: 0,
+            last: None,
+            start: Instant::now(),
+            held: Duration::ZERO,
+        })
+    }
+
+    /// Runs the plan; returns when every frame is committed and handed to the worker.
+    pub fn run(mut self) -> Result<(), Ended> {
+        self.preflight()?;
+        // Refused only when a user ended the session meanwhile: the next safe point sees it.
+        let _ = self.book.happen(self.id, Event::Ready, None);
+        self.start = Instant::now();
+        for station in 0..self.plan.stations.len() {
+            while let Err(trouble) = self.shoot_station(station) {
+                match trouble {
+                    Trouble::Arm(reason) => self.recover(reason)?,
+                    Trouble::End(ended) => return Err(ended),
+                }
+            }
+            self.hand_over(station)?;
+        }
+        Ok(())
+    }
+
+    /// Devices open, arm homed, lamp warm.
+    fn preflight(&mut self) -> Result<(), Ended> {
+        self.safe_point()?;
+        let opened = self.bench.open();
+        self.book.lock().device_fault = opened.as_ref().err().cloned();
+        let (arm, camera) = opened.map_err(Ended::Failed)?;
+        self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
+        self.safe_point()?;
+        self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
+        self.rest(self.rig.lamp.soak_s)
+    }
+
+    fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {
+        self.safe_point()?;
+        let angle_deg = self.plan.stations.get(station).map_or(0.0, |s| s.angle_deg);
+        let cancel = self.book.cancel.clone();
+        let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
+        let status = moved.map_err(|e| self.arm_trouble(&e))?;
+        let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
+        self.record("arm.moved", fields)?;
+        self.rest(self.rig.arm.settle_s)?;
+        self.bracket += 1;
+        for exposure in 0..self.plan.exposures.len() {
+            if self.safe_point()? {
+                self.check_light(angle_deg)?;
+            }
+            self.take_frame(station, exposure, angle_deg)?;
+            self.measure_pace();
+        }
+        Ok(())
+    }
+
+    /// Shoots until a frame is good and committed.
+    fn take_frame(&mut self, station: usize, exposure: usize, angle_deg: f64) -> Result<(), Trouble> {
+        let mut rejected = 0;
+        loop {
+            let attempt = self.attempts.entry((station, exposure)).or_default();
+            *attempt += 1;
+            let attempt = *attempt;
+            let shot = self.shot(station, exposure)?;
+            match self.shoot(&shot)? {
+                Ok((frame, fingerprint)) => {
+                    self.check_light(angle_deg)?;
+                    match self.commit(&shot, attempt, &frame, &fingerprint) {
+                        Ok(()) => return Ok(()),
+                        Err(error @ StoreError::NoSpace { .. }) => {
+                            self.suspend(&error, frame.bytes.len() as u64)?;
+                            self.check_light(angle_deg)?;
+                        }
+                        Err(error) => return Err(Ended::Failed(error.to_string()).into()),
+                    }
+                }
+                Err(reason) => {
+                    let label = &shot.shutter.label;
+                    let fields = json!({
+                        "station": station, "exposure": exposure, "attempt": attempt, "shutter": label, "reason": reason
+                    });
+                    self.record("frame.rejected", fields)?;
+                    rejected += 1;
+                    if rejected > RETAKES {
+                        return Err(Ended::Failed(format!(
+                            "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
+                        ))
+                        .into());
+                    }
+                    self.safe_point()?;
+                }
+            }
+        }
+    }
+
+    fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
+        let shutter = self.shutters.get(exposure).cloned();
+        let shutter =
+            shutter.ok_or_else(|| Ended::Failed(format!("exposure {exposure} of the plan has no shutter")))?;
+        Ok(Shot { station, exposure, shutter, f_number: self.rig.camera.f_number, iso: self.rig.camera.iso })
+    }
+
+    /// A verified frame, or the reason why it was refused; the outer error ends the bracket.
+    fn shoot(&mut self, shot: &Shot) -> Result<Result<(RawFrame, Fingerprint), String>, Ended> {
+        let taken = self.bench.camera().and_then(|camera| camera.shoot(shot, &self.book.cancel));
+        let frame = match taken {
+            Ok(frame) => frame,
+            Err(CameraError::Cancelled) => return Err(self.asked_end()),
+            Err(error @ CameraError::NoFrame { .. }) => return Err(Ended::Failed(error.to_string())),
+            Err(error) => return self.replace_camera(&error).map(Err),
+        };
+        let fingerprint = Fingerprint::of(&frame);
+        let size = (self.rig.camera.width, self.rig.camera.height);
+        let verdict = quality::check(&frame, shot, size, &fingerprint, self.last.as_ref());
+        self.last = Some(fingerprint.clone());
+        Ok(verdict.map(|()| (frame, fingerprint)))
+    }
+
+    /// After a failed call the driver is opened anew; the reason for the journal is returned.
+    fn replace_camera(&mut self, error: &CameraError) -> Result<String, Ended> {
+        self.rest(RECOVERY_WAIT_S[0])?;
+        Ok(match self.bench.reopen_camera() {
+            Ok(()) => error.to_string(),
+            Err(again) => format!("{error}; opening it again: {again}"),
+        })
+    }
+
+    /// Frame durable on disk, then its journal line: the acknowledgement.
+    fn commit(
+        &mut self,
+        shot: &Shot,
+        attempt: usize,
+        frame: &RawFrame,
+        fingerprint: &Fingerprint,
+    ) -> Result<(), StoreError> {
+        let file = frames::file_name(shot.station, shot.exposure, attempt);
+        self.writer.write(&file, &frame.bytes)?;
+        let fields = json!({
+            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket,
+            "file": file, "bytes": frame.bytes.len(), "blake3": fingerprint.blake3,
+            "shutter": shot.shutter.label, "true_s": shot.shutter.true_s,
+            "taken": fingerprint.taken, "camera_file": frame.name,
+        });
+        self.book.record(self.id, "frame.committed", fields).inspect_err(|_| {
+            // Not acknowledged, so not kept; what cannot be removed now is removed at the next start.
+            let _ = self.writer.take_back(&file);
+        })
+    }
+
+    /// Waits for room on the disk; the frame in hand is shot again afterwards.
+    fn suspend(&mut self, error: &StoreError, frame_bytes: u64) -> Result<(), Ended> {
+        let since = Instant::now();
+        let left = self.book.look(self.id, |e| e.ledger.snapshot.frames_planned - e.ledger.snapshot.frames_committed);
+        let rest = frame_bytes.saturating_mul(left.unwrap_or(1) as u64);
+        let reason = format!("{error}; the frames still to come need about {rest} bytes");
+        self.book.note(self.id, "fault.raised", json!({"device": "disk", "reason": reason}));
+        // Refused only when a user ended the session meanwhile: the safe point below sees it.
+        let _ = self.book.happen(self.id, Event::ConditionLost, Some(&reason));
+        let recheck = Duration::from_secs_f64(RECHECK_S / self.speed);
+        while self.state() == SessionState::Suspended && !self.book.lock().shutdown {
+            self.wait(recheck, |state| state != SessionState::Suspended);
+            if self.writer.check_space(frame_bytes).is_ok() {
+                let _ = self.book.happen(self.id, Event::ConditionBack, None);
+            }
+        }
+        self.held += since.elapsed();
+        self.last = None;
+        self.safe_point()?;
+        self.book.note(self.id, "fault.cleared", json!({"device": "disk"}));
+        Ok(())
+    }
+
+    /// Opens the arm anew, as often as a session may; the caller shoots the station again.
+    fn recover(&mut self, mut reason: String) -> Result<(), Ended> {
+        loop {
+            let fields = json!({"device": "arm", "reason": reason, "recovery": self.recoveries + 1});
+            self.book.note(self.id, "fault.raised", fields);
+            let Some(&wait_s) = RECOVERY_WAIT_S.get(self.recoveries) else {
+                return Err(Ended::Failed(format!("the arm failed {} times: {reason}", self.recoveries + 1)));
+            };
+            self.recoveries += 1;
+            self.bench.drop_arm();
+            self.rest(wait_s)?;
+            match self.bench.reopen_arm(&self.book.cancel) {
+                Ok(()) => break,
+                Err(error) => match self.arm_trouble(&error) {
+                    Trouble::Arm(again) => reason = again,
+                    Trouble::End(ended) => return Err(ended),
+                },
+            }
+        }
+        self.rest(self.rig.lamp.soak_s)?;
+        self.last = None;
+        self.book.note(self.id, "fault.cleared", json!({"device": "arm"}));
+        Ok(())
+    }
+
+    /// The frame just taken, or the bracket about to go on, stands under the planned light.
+    fn check_light(&mut self, angle_deg: f64) -> Result<(), Trouble> {
+        match self.bench.proof_of_light(angle_deg) {
+            Ok(None) => Ok(()),
+            Ok(Some(reason)) => Err(Trouble::Arm(reason)),
+            Err(error) => Err(self.arm_trouble(&error)),
+        }
+    }
+
+    fn hand_over(&self, station: usize) -> Result<(), Ended> {
+        loop {
+            let job = Job::Develop { session: self.id.to_owned(), station };
+            match self.worker.try_send(job) {
+                Ok(()) => return Ok(()),
+                Err(TrySendError::Disconnected(_)) => return Err(Ended::Failed("the worker has ended".into())),
+                Err(TrySendError::Full(_)) => self.rest(0.1 * self.speed)?,
+            }
+        }
+    }
+
+    /// Between two frames: here a session pauses and ends. True when it was held up.
+    fn safe_point(&mut self) -> Result<bool, Ended> {
+        let mut held = false;
+        loop {
+            let fault = self.book.look(self.id, |entry| entry.worker_fault.take()).flatten();
+            if let Some(fault) = fault {
+                return Err(Ended::Failed(fault));
+            }
+            if self.book.lock().shutdown {
+                return Err(Ended::ShutDown);
+            }
+            match self.state() {
+                SessionState::Preflight | SessionState::Running => return Ok(held),
+                SessionState::Pausing => {
+                    // Refused when a resume came in between: then there is nothing to wait for.
+                    held |= self.book.happen(self.id, Event::SafePoint, None).is_ok();
+                }
+                SessionState::Paused => {
+                    let since = Instant::now();
+                    self.wait(LONG, |state| state != SessionState::Paused);
+                    self.held += since.elapsed();
+                }
+                _ => return Err(self.asked_end()),
+            }
+        }
+    }
+
+    /// Waits a time of the rig's, unless the session is to end.
+    fn rest(&self, seconds: f64) -> Result<(), Ended> {
+        let ending = |state| matches!(state, SessionState::Stopping | SessionState::Aborting);
+        if self.wait(Duration::from_secs_f64(seconds / self.speed), ending) { Err(self.asked_end()) } else { Ok(()) }
+    }
+
+    /// Waits for a state, or for the daemon's end; false when the time is over first.
+    fn wait(&self, time: Duration, until: impl Fn(SessionState) -> bool) -> bool {
+        let look = |inner: &mut Inner| {
+            let state = inner.entry(self.id).map_or(SessionState::Failed, super::book::Entry::state);
+            (inner.shutdown || until(state)).then_some(())
+        };
+        self.book.wait(time, look).is_some()
+    }
+
+    fn state(&self) -> SessionState {
+        self.book.look(self.id, |entry| entry.state()).unwrap_or(SessionState::Failed)
+    }
+
+    /// Why a cancelled call was cancelled.
+    fn asked_end(&self) -> Ended {
+        if self.book.lock().shutdown {
+            return Ended::ShutDown;
+        }
+        match self.state() {
+            SessionState::Stopping => Ended::Stopped,
+            SessionState::Aborting => Ended::Aborted,
+            state => Ended::Failed(format!("a device call was cancelled while the session was {state:?}")),
+        }
+    }
+
+    fn arm_trouble(&self, error: &ArmError) -> Trouble {
+        match error {
+            ArmError::NoAnswer { .. } | ArmError::Port { .. } | ArmError::Rebooted { .. } => {
+                Trouble::Arm(error.to_string())
+            }
+            other => Trouble::End(self.arm_ended(other)),
+        }
+    }
+
+    fn arm_ended(&self, error: &ArmError) -> Ended {
+        match error {
+            ArmError::Cancelled => self.asked_end(),
+            other => Ended::Failed(other.to_string()),
+        }
+    }
+
+    fn record(&self, kind: &str, fields: serde_json::Value) -> Result<(), Ended> {
+        self.book.record(self.id, kind, fields).map_err(|e| Ended::Failed(e.to_string()))
+    }
+
+    /// Wall time for a planned second so far, without the time the session was held up.
+    fn measure_pace(&self) {
+        let worked_s = (self.start.elapsed().saturating_sub(self.held)).as_secs_f64();
+        self.book.look(self.id, |entry| {
+            let planned_s = entry.plan.estimated_s * entry.share_done();
+            if planned_s > 0.0 {
+                entry.pace = worked_s / planned_s;
+            }
+        });
+    }
+}

@@ -1,0 +1,362 @@
+//! The one record of all sessions: journal first, then memory, then everyone who waits is told. Engine, worker and handle share it;
+//! the state in it is also how a user's verb reaches the engine.
+
+use super::handle::{EngineError, SessionSnapshot};
+use super::ledger::Ledger;
+use super::plan::CapturePlan;
+use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
+use crate::devices::Cancel;
+use crate::store::journal::Journal;
+use crate::store::manifest::{self, Manifest};
+use crate::store::sessions::{Found, FrameWriter};
+use crate::store::{Store, StoreError};
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+
+/// All sessions, shared.
+pub struct Book {
+    inner: Mutex<Inner>,
+    changed: Condvar,
+    changes: watch::Sender<u64>,
+    /// Set to break off a shot or a move: by an abort and by the end of the daemon.
+    pub cancel: Cancel,
+}
+
+/// What the lock guards.
+pub struct Inner {
+    /// The data directory.
+    pub store: Store,
+    /// By id, so oldest first.
+    pub sessions: BTreeMap<String, Entry>,
+    /// Accepted, not yet taken by the engine.
+    pending: Option<String>,
+    /// The daemon ends.
+    pub shutdown: bool,
+    /// The engine's thread has ended, everything cleaned up.
+    pub ended: bool,
+    /// Why arm or camera could not be used last time.
+    pub device_fault: Option<String>,
+}
+
+/// One session.
+pub struct Entry {
+    /// What its journal says.
+    pub ledger: Ledger,
+    /// What was meant to happen.
+    pub manifest: Manifest,
+    /// The plan as accepted.
+    pub plan: CapturePlan,
+    /// Where it is.
+    pub directory: PathBuf,
+    /// Seconds of wall time for each planned second.
+    pub pace: f64,
+    /// Why the worker cannot develop it, if so.
+    pub worker_fault: Option<String>,
+    journal: Option<Journal>,
+    tail: Vec<Value>,
+}
+
+impl Entry {
+    /// The snapshot, with the time left at the measured pace.
+    pub fn snapshot(&self) -> SessionSnapshot {
+        let mut snapshot = self.ledger.snapshot.clone();
+        let shooting = !snapshot.state.is_final() && snapshot.state != SessionState::Fitting;
+        snapshot.remaining_s = shooting.then(|| self.plan.estimated_s * (1.0 - self.share_done()) * self.pace);
+        snapshot
+    }
+
+    /// Share of the planned frame time that is committed.
+    pub fn share_done(&self) -> f64 {
+        let bracket: f64 = (0..self.plan.exposures.len()).map(|e| self.plan.frame_s(e)).sum();
+        let done: f64 = self.ledger.frames().map(|frame| self.plan.frame_s(frame.exposure)).sum();
+        done / (bracket * self.plan.stations.len() as f64)
+    }
+
+    /// State now.
+    pub fn state(&self) -> SessionState {
+        self.ledger.snapshot.state
+    }
+}
+
+impl Book {
+    /// Reads every session of the store. Those that a crash left unfinished are cleaned and marked interrupted; their number
+    /// is the second value.
+    pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
+        let (found, unreadable) = store.sessions()?;
+        for error in unreadable {
+            tracing::warn!(%error, "a session directory is left alone");
+        }
+        let mut inner = Inner {
+            store,
+            sessions: BTreeMap::new(),
+            pending: None,
+            shutdown: false,
+            ended: false,
+            device_fault: None,
+        };
+        let mut interrupted = 0;
+        for session in found {
+            interrupted += usize::from(inner.take_in(session)?);
+        }
+        let total = inner.sessions.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
+        let (changes, _) = watch::channel(total);
+        let book = Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, cancel: Cancel::default() };
+        Ok((book, interrupted))
+    }
+
+    /// The lock; whoever holds it keeps it for no longer than a journal line takes.
+    pub fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes with every record.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
+    }
+
+    fn tell(&self) {
+        self.changes.send_modify(|count| *count += 1);
+        self.changed.notify_all();
+    }
+
+    /// Tells everyone who waits that something other than a record changed.
+    pub fn nudge(&self) {
+        self.changed.notify_all();
+    }
+
+    /// Makes a session and hands it to the engine.
+    pub fn begin(
+        &self,
+        inner: &mut Inner,
+        manifest: Manifest,
+        plan: CapturePlan,
+        pace: f64,
+    ) -> Result<SessionSnapshot, StoreError> {
+        let fields = state_fields(SessionState::Preflight, None);
+        let (directory, journal, record) = inner.store.create(&manifest, "session.state", fields)?;
+        let mut ledger = Ledger::new(&manifest, &plan);
+        ledger.apply(&record);
+        let id = manifest.id.clone();
+        let tail = vec![record];
+        let journal = Some(journal);
+        let entry = Entry { ledger, manifest, plan, directory, pace, worker_fault: None, journal, tail };
+        let snapshot = entry.snapshot();
+        inner.sessions.insert(id.clone(), entry);
+        inner.pending = Some(id);
+        self.tell();
+        Ok(snapshot)
+    }
+
+    /// Waits for a session to run; none once the daemon ends.
+    pub fn next_session(&self) -> Option<String> {
+        let mut inner = self.lock();
+        loop {
+            if let Some(id) = inner.pending.take() {
+                if !inner.shutdown {
+                    self.cancel.clear();
+                }
+                return Some(id);
+            }
+            if inner.shutdown {
+                return None;
+            }
+            inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Waits until `look` finds something or the time is over.
+    pub fn wait<T>(&self, time: Duration, mut look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
+        let end = Instant::now() + time;
+        let mut inner = self.lock();
+        loop {
+            if let Some(found) = look(&mut inner) {
+                return Some(found);
+            }
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return None;
+            }
+            inner = self.changed.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Journals a record of a session; it counts once this has returned.
+    pub fn record(&self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
+        self.lock().record(id, kind, fields)?;
+        self.tell();
+        Ok(())
+    }
+
+    /// Journals what need not hold up the work when the disk does not take it.
+    pub fn note(&self, id: &str, kind: &str, fields: Value) {
+        if let Err(error) = self.record(id, kind, fields) {
+            tracing::error!(session = id, kind, %error, "not journalled");
+        }
+    }
+
+    /// An event of the engine's own: the state after it.
+    pub fn happen(&self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
+        let state = self.lock().happen(id, event, reason);
+        self.tell();
+        state
+    }
+
+    /// Something a user asks.
+    pub fn ask(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, EngineError> {
+        let mut inner = self.lock();
+        let state = inner.entry(id)?.state();
+        if inner.ended {
+            return Err(EngineError::Gone);
+        }
+        inner.happen(id, Event::Asked(verb), None).map_err(|_| EngineError::WrongState {
+            verb,
+            state,
+            allowed: allowed(state),
+        })?;
+        if verb == Verb::Abort {
+            self.cancel.cancel();
+        }
+        let snapshot = inner.entry(id)?.snapshot();
+        drop(inner);
+        self.tell();
+        Ok(snapshot)
+    }
+
+    /// Writes down who answered at the other end of the cables.
+    pub fn identify(&self, id: &str, arm: String, camera: String) -> Result<(), StoreError> {
+        let mut inner = self.lock();
+        let disk = inner.store.disk();
+        let Some(entry) = inner.sessions.get_mut(id) else { return Ok(()) };
+        (entry.manifest.arm, entry.manifest.camera) = (Some(arm), Some(camera));
+        manifest::write(disk.as_ref(), &entry.directory, &entry.manifest)
+    }
+
+    /// Writes frames of a session without the lock.
+    pub fn frame_writer(&self, id: &str) -> Option<FrameWriter> {
+        let inner = self.lock();
+        inner.sessions.get(id).map(|entry| inner.store.frame_writer(&entry.directory))
+    }
+
+    /// Looks something up in a session.
+    pub fn look<T>(&self, id: &str, look: impl FnOnce(&mut Entry) -> T) -> Option<T> {
+        self.lock().sessions.get_mut(id).map(look)
+    }
+}
+
+impl Inner {
+    /// A session by id.
+    pub fn entry(&self, id: &str) -> Result<&Entry, EngineError> {
+        self.sessions.get(id).ok_or_else(|| EngineError::UnknownSession { id: id.chars().take(64).collect() })
+    }
+
+    /// The session that holds the rig.
+    pub fn active(&self) -> Option<&Entry> {
+        self.sessions.values().rev().find(|entry| !entry.state().is_final())
+    }
+
+    fn record(&mut self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
+        let Value::Object(fields) = fields else { return Ok(()) };
+        let Some(entry) = self.sessions.get_mut(id) else { return Ok(()) };
+        let mut journal = match entry.journal.take() {
+            Some(journal) => journal,
+            None => self.store.open_journal(&entry.directory, &entry.manifest)?,
+        };
+        let record = journal.append(kind, fields);
+        entry.journal = Some(journal);
+        let record = record?;
+        entry.ledger.apply(&record);
+        entry.tail.push(record);
+        if entry.state().is_final() {
+            // From now on the file tells.
+            entry.tail = Vec::new();
+            entry.journal = None;
+        }
+        Ok(())
+    }
+
+    /// Changes the state. On a disk that takes nothing more the change is real all the same: the lamp must still go off.
+    fn happen(&mut self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
+        let state = self.sessions.get(id).map_or(SessionState::Failed, Entry::state);
+        let after = next(state, event)?;
+        let fields = Value::Object(state_fields(after, reason));
+        if let Err(error) = self.record(id, "session.state", fields) {
+            tracing::error!(session = id, state = ?after, %error, "state not journalled");
+            if let Some(entry) = self.sessions.get_mut(id) {
+                let time = jiff::Timestamp::now().to_string();
+                entry.ledger.apply(&json!({"type": "session.state", "state": after, "reason": reason, "time": time}));
+            }
+        }
+        Ok(after)
+    }
+
+    /// Events of the running session after a number; none when they are to be read from the file.
+    pub fn tail_after(&self, id: &str, after: u64) -> Result<Option<Vec<Value>>, EngineError> {
+        let entry = self.entry(id)?;
+        if entry.tail.is_empty() {
+            return Ok(None);
+        }
+        let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
+        Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
+    }
+
+    /// Takes a session found on disk; true when it had to be marked interrupted.
+    fn take_in(&mut self, found: Found) -> Result<bool, StoreError> {
+        let Found { directory, manifest, journal } = found;
+        let plan = match CapturePlan::deserialize(&manifest.plan) {
+            Ok(plan) => plan,
+            Err(error) => {
+                tracing::warn!(session = manifest.id, %error, "the manifest holds no plan: the session is left alone");
+                return Ok(false);
+            }
+        };
+        let mut ledger = Ledger::new(&manifest, &plan);
+        journal.records.iter().for_each(|record| ledger.apply(record));
+        let id = manifest.id.clone();
+        let unfinished = !ledger.snapshot.state.is_final();
+        let entry =
+            Entry { ledger, manifest, plan, directory, pace: 1.0, worker_fault: None, journal: None, tail: vec![] };
+        self.sessions.insert(id.clone(), entry);
+        if let Some(fault) = journal.fault {
+            self.distrust(&id, &fault);
+        } else if unfinished {
+            self.interrupt(&id)?;
+        }
+        Ok(unfinished)
+    }
+
+    /// A journal that somebody changed: what it says up to there is shown, nothing is added to it.
+    fn distrust(&mut self, id: &str, fault: &str) {
+        tracing::error!(session = id, fault, "the journal is broken");
+        if let Some(entry) = self.sessions.get_mut(id) {
+            let snapshot = &mut entry.ledger.snapshot;
+            snapshot.reason = Some(format!("the journal is broken at {fault}: the records before it are shown"));
+            if !snapshot.state.is_final() {
+                snapshot.state = SessionState::Interrupted;
+            }
+        }
+    }
+
+    fn interrupt(&mut self, id: &str) -> Result<(), StoreError> {
+        if let Some(entry) = self.sessions.get(id) {
+            let removed = self.store.remove_strays(&entry.directory, |name| entry.ledger.has_file(name))?;
+            if !removed.is_empty() {
+                tracing::info!(session = id, ?removed, "unacknowledged files removed");
+            }
+        }
+        // A state that is not final can always be interrupted.
+        let _ = self.happen(id, Event::DaemonEnded, Some("the daemon ended in the middle of the session"));
+        Ok(())
+    }
+}
+
+fn state_fields(state: SessionState, reason: Option<&str>) -> Map<String, Value> {
+    let mut fields = Map::new();
+    fields.insert("state".into(), json!(state));
+    fields.insert("reason".into(), json!(reason));
+    fields
+}

@@ -1,0 +1,152 @@
+//! What a session's journal adds up to. The same fold serves the running session and the ones found on disk.
+
+use super::handle::SessionSnapshot;
+use super::plan::CapturePlan;
+use super::state::SessionState;
+use crate::store::manifest::Manifest;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A committed frame: the fields of its `frame.committed` record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    /// Index of the light station.
+    pub station: usize,
+    /// Index of the exposure in the bracket.
+    pub exposure: usize,
+    /// Which shot for this cell of the plan it is, from 1.
+    pub attempt: usize,
+    /// Which bracket of the session it belongs to, from 1; a bracket shot again replaces the station's frames.
+    pub bracket: usize,
+    /// File name in `frames/`.
+    pub file: String,
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Hash of the file.
+    pub blake3: String,
+    /// Shutter label.
+    pub shutter: String,
+    /// Time the shutter really was open, seconds.
+    pub true_s: f64,
+    /// DateTimeOriginal of the frame, as the camera wrote it.
+    pub taken: Option<String>,
+}
+
+/// The state of a session as its journal tells it.
+#[derive(Clone, Debug)]
+pub struct Ledger {
+    /// For everyone to see; `remaining_s` is filled by who knows the pace.
+    pub snapshot: SessionSnapshot,
+    frames: BTreeMap<(usize, usize), FrameRecord>,
+    superseded: Vec<FrameRecord>,
+    developed: BTreeSet<usize>,
+}
+
+impl Ledger {
+    /// A session of which nothing is journalled yet.
+    pub fn new(manifest: &Manifest, plan: &CapturePlan) -> Self {
+        let snapshot = SessionSnapshot {
+            id: manifest.id.clone(),
+            name: manifest.name.clone(),
+            state: SessionState::Preflight,
+            reason: None,
+            simulated: manifest.simulated,
+            started: manifest.started.clone(),
+            ended: None,
+            stations: plan.stations.len(),
+            exposures: plan.exposures.len(),
+            station: 0,
+            frames_committed: 0,
+            frames_planned: plan.frames,
+            stations_developed: 0,
+            remaining_s: None,
+            mean_relative_error: None,
+            last_seq: 0,
+        };
+        Self { snapshot, frames: BTreeMap::new(), superseded: Vec::new(), developed: BTreeSet::new() }
+    }
+
+    /// Takes one journal record into account; unknown types and fields are passed over.
+    pub fn apply(&mut self, record: &Value) {
+        let station = || record["station"].as_u64().and_then(|s| usize::try_from(s).ok());
+        self.snapshot.last_seq = record["seq"].as_u64().unwrap_or(self.snapshot.last_seq);
+        match record["type"].as_str() {
+            Some("session.state") => self.apply_state(record),
+            Some("arm.moved") => self.snapshot.station = station().unwrap_or(self.snapshot.station),
+            Some("frame.committed") => {
+                if let Ok(frame) = FrameRecord::deserialize(record) {
+                    self.apply_frame(frame);
+                }
+            }
+            Some("station.developed") => {
+                self.developed.extend(station());
+                self.snapshot.stations_developed = self.developed.len();
+            }
+            Some("fit.finished") => {
+                if let Some(error) = record["mean_relative_error"].as_f64() {
+                    self.snapshot.mean_relative_error = Some(error);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn apply_state(&mut self, record: &Value) {
+        if let Ok(state) = SessionState::deserialize(&record["state"]) {
+            self.snapshot.state = state;
+            self.snapshot.reason = record["reason"].as_str().map(str::to_owned);
+            if state.is_final() {
+                self.snapshot.ended = record["time"].as_str().map(str::to_owned);
+            }
+        }
+    }
+
+    fn apply_frame(&mut self, frame: FrameRecord) {
+        let station = frame.station;
+        let old: Vec<_> = self.frames.range((station, 0)..=(station, usize::MAX)).map(|(&cell, _)| cell).collect();
+        for cell in old {
+            let replaced = self.frames.get(&cell).is_some_and(|f| f.bracket != frame.bracket);
+            if replaced || cell.1 == frame.exposure {
+                self.superseded.extend(self.frames.remove(&cell));
+            }
+        }
+        self.frames.insert((station, frame.exposure), frame);
+        self.snapshot.frames_committed = self.frames.len();
+    }
+
+    /// True when the journal knows this file of `frames/`.
+    pub fn has_file(&self, name: &str) -> bool {
+        self.frames.values().chain(&self.superseded).any(|frame| frame.file == name)
+    }
+
+    /// The frames that count, by station and exposure.
+    pub fn frames(&self) -> impl Iterator<Item = &FrameRecord> {
+        self.frames.values()
+    }
+
+    /// The bracket of a station in shooting order, if every exposure of it is there.
+    pub fn bracket(&self, station: usize) -> Option<Vec<FrameRecord>> {
+        let frames: Vec<_> =
+            self.frames.range((station, 0)..=(station, usize::MAX)).map(|(_, frame)| frame.clone()).collect();
+        (frames.len() == self.snapshot.exposures).then_some(frames)
+    }
+
+    /// True when the station's radiance is on disk.
+    pub fn is_developed(&self, station: usize) -> bool {
+        self.developed.contains(&station)
+    }
+
+    /// Every frame ever committed, with the field `state`: `committed` or `superseded`.
+    pub fn frame_list(&self) -> Vec<Value> {
+        let labelled = |frame: &FrameRecord, state: &str| {
+            let mut value = serde_json::to_value(frame).unwrap_or_default();
+            value["state"] = json!(state);
+            value
+        };
+        let mut list: Vec<_> = self.frames.values().map(|frame| (frame, "committed")).collect();
+        list.extend(self.superseded.iter().map(|frame| (frame, "superseded")));
+        list.sort_by_key(|(frame, _)| (frame.station, frame.exposure, frame.attempt));
+        list.into_iter().map(|(frame, state)| labelled(frame, state)).collect()
+    }
+}

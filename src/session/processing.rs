@@ -1,0 +1,145 @@
+//! From committed frames to a fitted material: which pipeline steps the worker runs, on which files.
+
+use super::crop;
+use super::handle::FitRequest;
+use super::ledger::FrameRecord;
+use crate::numerics::radiometry::noise::SensorNoise;
+use crate::numerics::radiometry::response::Response;
+use crate::pipeline::develop::{BracketFrame, develop};
+use crate::pipeline::fit::{FitOptions, OnProgress, fit};
+use crate::store;
+use rig_config::Rig;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// A complete bracket of a session.
+#[derive(Clone, Debug)]
+pub struct Bracket {
+    /// Session id.
+    pub session: String,
+    /// Its directory.
+    pub directory: PathBuf,
+    /// Index of the light station.
+    pub station: usize,
+    /// The frames, in shooting order.
+    pub frames: Vec<FrameRecord>,
+}
+
+/// A fit of the stations that are developed.
+#[derive(Clone, Debug)]
+pub struct FitJob {
+    /// The session's directory.
+    pub directory: PathBuf,
+    /// Light positions of the developed stations, camera frame, mm.
+    pub light_positions_mm: Vec<[f64; 3]>,
+    /// What differs from the rig file.
+    pub request: FitRequest,
+}
+
+/// The worker's two pieces of work. Errors are reasons in words: they go to the journal.
+pub trait Processing: Send {
+    /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations.
+    fn develop(&mut self, bracket: &Bracket) -> Result<(), String>;
+    /// Fits and writes `result/`; returns the report.
+    fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String>;
+}
+
+/// The real pipeline on the rig's geometry.
+pub struct PipelineProcessing {
+    rig: Rig,
+    /// Recovered from the first bracket of a session and used for all of it.
+    response: Option<(String, Response)>,
+}
+
+impl PipelineProcessing {
+    /// For sessions of this rig.
+    pub fn new(rig: &Rig) -> Self {
+        Self { rig: rig.clone(), response: None }
+    }
+
+    fn options(&self, request: &FitRequest) -> FitOptions {
+        let fit = &self.rig.fit;
+        FitOptions {
+            materials: request.materials.or(fit.materials),
+            model: request.model.clone().unwrap_or_else(|| fit.model.clone()),
+            solver: fit.solver.clone(),
+            objective: request.objective.clone().unwrap_or_else(|| fit.objective.clone()),
+            leave_out: request.leave_out.clone().unwrap_or_default(),
+            cosine_cutoff: Some(fit.cosine_cutoff),
+            threads: None,
+        }
+    }
+}
+
+impl Processing for PipelineProcessing {
+    fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
+        let files = read_frames(bracket)?;
+        let frames: Vec<_> = bracket
+            .frames
+            .iter()
+            .zip(&files)
+            .map(|(frame, bytes)| BracketFrame { name: &frame.file, bytes, time_s: frame.true_s })
+            .collect();
+        let known = self.response.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
+        let camera = &self.rig.camera;
+        let noise = SensorNoise { full_well_e: camera.full_well_e, read_noise_e: camera.read_noise_e };
+        let part = crop::of_object(&self.rig);
+        let developed =
+            develop(&frames, part, known.map(|(_, response)| response), &noise).map_err(|e| e.to_string())?;
+        let origin = part.map_or((0, 0), |part| (part.x, part.y));
+        let attributes = [
+            ("rigd.session", bracket.session.clone()),
+            ("rigd.station", bracket.station.to_string()),
+            ("rigd.software", super::SOFTWARE.to_owned()),
+        ];
+        let name = format!("{:02}.exr", bracket.station);
+        let folder = bracket.directory.join("radiance");
+        let unfinished = folder.join(format!(".{name}"));
+        store::exr::write_radiance(&unfinished, &developed.image, origin, (camera.width, camera.height), &attributes)
+            .map_err(|e| e.to_string())?;
+        std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
+        self.response = Some((bracket.session.clone(), developed.response));
+        Ok(())
+    }
+
+    fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
+        if !job.directory.join("dataset.toml").exists() {
+            store::dataset::write_for_session(&job.directory, &self.rig, &job.light_positions_mm)
+                .map_err(|e| e.to_string())?;
+        }
+        let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
+        let result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
+        let unfinished = job.directory.join(".result");
+        clear(&unfinished)?;
+        store::result::write(&unfinished, &result).map_err(|e| e.to_string())?;
+        let finished = job.directory.join("result");
+        clear(&finished)?;
+        std::fs::rename(&unfinished, &finished).map_err(|e| format!("cannot name {}: {e}", finished.display()))?;
+        read_json(&finished.join("report.json"))
+    }
+}
+
+fn read_frames(bracket: &Bracket) -> Result<Vec<Vec<u8>>, String> {
+    let read = |frame: &FrameRecord| {
+        let path = bracket.directory.join("frames").join(&frame.file);
+        let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        if blake3::hash(&bytes).to_hex().as_str() != frame.blake3 {
+            return Err(format!("{} is not the frame that was journalled: it was changed on disk", path.display()));
+        }
+        Ok(bytes)
+    };
+    bracket.frames.iter().map(read).collect()
+}
+
+fn clear(directory: &Path) -> Result<(), String> {
+    match std::fs::remove_dir_all(directory) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(format!("{}: {e}", directory.display())),
+        _ => Ok(()),
+    }
+}
+
+/// Reads a JSON file; the reason names it.
+pub fn read_json(path: &Path) -> Result<Value, String> {
+    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    serde_json::from_slice(&bytes).map_err(|e| format!("{}: {e}", path.display()))
+}

@@ -1,0 +1,435 @@
+//! A rig of fakes in memory, scripted by the tests: arm, camera, disk, worker steps, and a hand-made rig description.
+#![allow(dead_code, missing_docs, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod jpeg;
+
+use rig_config::{
+    Arm as ArmConfig, ArmDriver, Camera as CameraConfig, CameraDriver, Fit, Lamp, Plan, Rig, Server, Shutter, Sphere,
+    Storage,
+};
+use rigd::devices::Cancel;
+use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
+use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
+use rigd::pipeline::fit::{FitProgress, OnProgress};
+use rigd::session::engine::{EngineParts, start};
+use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
+use rigd::session::processing::{Bracket, FitJob, Processing};
+use rigd::session::state::SessionState;
+use rigd::store::{Disk, RealDisk, Step, Store};
+use serde_json::{Value, json};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+pub const SIZE: (usize, usize) = (32, 24);
+pub const LEVEL: u16 = 900;
+pub const PARK: f64 = -60.0;
+
+/// Three stations, two exposures.
+pub fn rig() -> Rig {
+    Rig {
+        name: "fake rig".into(),
+        arm: ArmConfig {
+            driver: ArmDriver::Rigproto { port: "/dev/null".into() },
+            baud: 115_200,
+            speed_deg_s: 30.0,
+            acceleration_deg_s2: 60.0,
+            travel_deg: [-90.0, 170.0],
+            tolerance_deg: 0.05,
+            settle_s: 0.5,
+            park_deg: PARK,
+            home_timeout_s: 30.0,
+        },
+        lamp: Lamp {
+            level_permille: LEVEL,
+            soak_s: 60.0,
+            circle_center_mm: [0.0, 0.0, 1500.0],
+            circle_radius_mm: 600.0,
+            intensity: [4e5; 3],
+        },
+        camera: CameraConfig {
+            driver: CameraDriver::Gphoto2 { model: None, port: None },
+            width: SIZE.0,
+            height: SIZE.1,
+            focal_px: [300.0; 2],
+            principal_px: [16.0, 12.0],
+            distortion: [0.0; 5],
+            f_number: 5.6,
+            iso: 100,
+            full_well_e: 50_000.0,
+            read_noise_e: 10.0,
+        },
+        object: Sphere { center_mm: [0.0, 0.0, 1500.0], radius_mm: 30.0 },
+        plan: Plan {
+            stations_deg: vec![-20.0, 15.0, 50.0],
+            exposures: ["1/100", "0.4"].map(|l| Shutter::from_label(l).unwrap()).to_vec(),
+        },
+        fit: Fit {
+            materials: Some(2),
+            model: "ward".into(),
+            solver: "zheng2008".into(),
+            objective: "noise".into(),
+            cosine_cutoff: 0.15,
+        },
+        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000 },
+        server: Server { listen: "127.0.0.1:0".parse().unwrap() },
+        simulation: None,
+    }
+}
+
+/// What the fakes did and where they stand.
+#[derive(Debug, Default)]
+pub struct World {
+    pub angle_deg: f64,
+    pub homed: bool,
+    pub lamp: u16,
+    pub arm_opened: usize,
+    pub arm_open: bool,
+    pub camera_opened: usize,
+    pub camera_open: bool,
+    /// Station, exposure, lamp level and angle at every shot.
+    pub shots: Vec<(usize, usize, u16, f64)>,
+    pub developed: Vec<(usize, usize)>,
+    pub fitted: Vec<usize>,
+}
+
+/// What the fake camera does with a shot.
+pub enum Act {
+    Good,
+    Jpeg(Box<dyn Fn(&mut jpeg::Exif)>),
+    /// The same bytes as last time.
+    Repeat,
+    Bytes(Vec<u8>),
+    Fail(CameraError),
+}
+
+type ArmScript = Box<dyn FnMut(&'static str, &mut World) -> Option<ArmError> + Send>;
+type CameraScript = Box<dyn FnMut(&Shot, usize, &Cancel) -> Act + Send>;
+type StepScript = Box<dyn FnMut(&str) -> Option<String> + Send>;
+
+/// Everything a test can script or look at.
+#[derive(Clone)]
+pub struct Fakes {
+    pub world: Arc<Mutex<World>>,
+    pub arm_script: Arc<Mutex<ArmScript>>,
+    pub camera_script: Arc<Mutex<CameraScript>>,
+    pub step_script: Arc<Mutex<StepScript>>,
+    pub disk: Arc<TestDisk>,
+}
+
+impl Default for Fakes {
+    fn default() -> Self {
+        Self {
+            world: Arc::default(),
+            arm_script: Arc::new(Mutex::new(Box::new(|_, _| None))),
+            camera_script: Arc::new(Mutex::new(Box::new(|_, _, _| Act::Good))),
+            step_script: Arc::new(Mutex::new(Box::new(|_| None))),
+            disk: Arc::default(),
+        }
+    }
+}
+
+impl Fakes {
+    /// What the fakes did so far; a script that panicked is no reason not to look.
+    pub fn world(&self) -> MutexGuard<'_, World> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub fn on_arm(&self, script: impl FnMut(&'static str, &mut World) -> Option<ArmError> + Send + 'static) {
+        *self.arm_script.lock().unwrap() = Box::new(script);
+    }
+
+    /// The script gets the shot, how many shots there were before it, and the cancel flag; it may block.
+    pub fn on_shot(&self, script: impl FnMut(&Shot, usize, &Cancel) -> Act + Send + 'static) {
+        *self.camera_script.lock().unwrap() = Box::new(script);
+    }
+
+    /// Called with `develop N` and `fit`; a text makes that step fail.
+    pub fn on_step(&self, script: impl FnMut(&str) -> Option<String> + Send + 'static) {
+        *self.step_script.lock().unwrap() = Box::new(script);
+    }
+
+    /// Blocks shot number `n` until the returned gate is opened.
+    pub fn gate_at(&self, n: usize) -> Gate {
+        let gate = Gate::default();
+        let inside = gate.clone();
+        self.on_shot(move |_, count, _| {
+            if count == n {
+                inside.pass();
+            }
+            Act::Good
+        });
+        gate
+    }
+
+    pub fn engine(&self, data: &Path) -> EngineHandle {
+        self.try_engine(data, rig()).unwrap()
+    }
+
+    pub fn try_engine(&self, data: &Path, rig: Rig) -> Result<EngineHandle, EngineError> {
+        let store = self.store(data);
+        let (arm, camera) = (self.clone(), self.clone());
+        start(EngineParts {
+            rig,
+            rig_text: "name = \"fake rig\"".into(),
+            store,
+            open_arm: Box::new(move || arm.open_arm()),
+            open_camera: Box::new(move || camera.open_camera()),
+            processing: Box::new(FakeProcessing(self.clone())),
+            speed: 10_000.0,
+        })
+    }
+
+    /// Opens the store; an engine that has just ended may still be letting go of it.
+    fn store(&self, data: &Path) -> Store {
+        let end = Instant::now() + Duration::from_secs(10);
+        loop {
+            match Store::open_on(data, 1000, self.disk.clone()) {
+                Ok(store) => return store,
+                Err(error) => assert!(Instant::now() < end, "{error}"),
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn open_arm(&self) -> Result<Box<dyn Arm>, ArmError> {
+        if let Some(error) = self.arm_call("open") {
+            return Err(error);
+        }
+        let mut world = self.world();
+        world.arm_opened += 1;
+        world.arm_open = true;
+        Ok(Box::new(FakeArm(self.clone())))
+    }
+
+    fn arm_call(&self, call: &'static str) -> Option<ArmError> {
+        let mut script = self.arm_script.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut world = self.world();
+        script(call, &mut world)
+    }
+
+    fn open_camera(&self) -> Result<Box<dyn Camera>, CameraError> {
+        let mut world = self.world();
+        world.camera_opened += 1;
+        world.camera_open = true;
+        Ok(Box::new(FakeCamera { fakes: self.clone(), last: Vec::new() }))
+    }
+
+    /// What must hold even when nothing can be written any more.
+    pub fn assert_dark(&self) {
+        assert_eq!(self.world().lamp, 0, "the lamp is on");
+    }
+
+    /// What must hold after every way out.
+    pub fn assert_safe(&self) {
+        let world = self.world();
+        assert_eq!(world.lamp, 0, "the lamp is on");
+        assert_eq!(world.angle_deg, PARK, "the arm is not parked");
+        assert!(!world.arm_open, "the arm was not let go");
+        assert!(!world.camera_open, "the camera was not released");
+    }
+}
+
+/// Lets a test hold a script at a point.
+#[derive(Clone, Default)]
+pub struct Gate(Arc<(AtomicBool, AtomicBool)>);
+
+impl Gate {
+    fn pass(&self) {
+        self.0.0.store(true, Ordering::SeqCst);
+        until("the gate to open", || self.0.1.load(Ordering::SeqCst));
+    }
+    pub fn reached(&self) {
+        until("the gate to be reached", || self.0.0.load(Ordering::SeqCst));
+    }
+    pub fn open(&self) {
+        self.0.1.store(true, Ordering::SeqCst);
+    }
+}
+
+/// Waits for something that must come true.
+pub fn until(what: &str, mut true_now: impl FnMut() -> bool) {
+    let end = Instant::now() + Duration::from_secs(30);
+    while !true_now() {
+        assert!(Instant::now() < end, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+pub fn wait_for(engine: &EngineHandle, id: &str, state: SessionState) -> SessionSnapshot {
+    until(&format!("{state:?}"), || {
+        let now = engine.session(id).unwrap();
+        assert!(now.state == state || !now.state.is_final(), "{:?}: {:?}", now.state, now.reason);
+        now.state == state
+    });
+    engine.session(id).unwrap()
+}
+
+pub fn begin(engine: &EngineHandle) -> String {
+    engine.start(&Default::default(), None).unwrap().snapshot.id
+}
+
+pub fn events(engine: &EngineHandle, id: &str, kind: &str) -> Vec<Value> {
+    engine.events_after(id, 0).unwrap().into_iter().filter(|e| e["type"] == kind).collect()
+}
+
+struct FakeArm(Fakes);
+
+impl FakeArm {
+    fn call(&self, call: &'static str, work: impl FnOnce(&mut World)) -> Result<ArmStatus, ArmError> {
+        if let Some(error) = self.0.arm_call(call) {
+            return Err(error);
+        }
+        let mut world = self.0.world();
+        work(&mut world);
+        Ok(ArmStatus {
+            angle_deg: world.angle_deg,
+            homed: world.homed,
+            moving: false,
+            lamp_permille: world.lamp,
+            faults: 0,
+        })
+    }
+}
+
+impl Arm for FakeArm {
+    fn identity(&self) -> ArmIdentity {
+        ArmIdentity { firmware: "fake 1.0".into(), boot_nonce: 7 }
+    }
+    fn home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
+        if cancel.is_cancelled() {
+            return Err(ArmError::Cancelled);
+        }
+        self.call("home", |world| (world.homed, world.angle_deg) = (true, 0.0))
+    }
+    fn move_to(&mut self, angle_deg: f64, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
+        if cancel.is_cancelled() {
+            return Err(ArmError::Cancelled);
+        }
+        self.call("move", |world| world.angle_deg = angle_deg)
+    }
+    fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
+        self.call("lamp", |world| world.lamp = permille)
+    }
+    fn status(&mut self) -> Result<ArmStatus, ArmError> {
+        self.call("status", |_| {})
+    }
+    fn stop(&mut self) -> Result<ArmStatus, ArmError> {
+        self.call("stop", |_| {})
+    }
+}
+
+impl Drop for FakeArm {
+    fn drop(&mut self) {
+        self.0.world().arm_open = false;
+    }
+}
+
+struct FakeCamera {
+    fakes: Fakes,
+    last: Vec<u8>,
+}
+
+impl Camera for FakeCamera {
+    fn identity(&self) -> CameraIdentity {
+        CameraIdentity { model: "Fake EOS".into() }
+    }
+    fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
+        let count = {
+            let mut world = self.fakes.world();
+            let (lamp, angle) = (world.lamp, world.angle_deg);
+            world.shots.push((shot.station, shot.exposure, lamp, angle));
+            world.shots.len() - 1
+        };
+        let act = (self.fakes.camera_script.lock().unwrap_or_else(PoisonError::into_inner))(shot, count, cancel);
+        let mut exif = jpeg::Exif::of(shot, count);
+        let bytes = match act {
+            Act::Good => jpeg::encode(SIZE, Some(&exif)),
+            Act::Jpeg(change) => {
+                change(&mut exif);
+                jpeg::encode(SIZE, Some(&exif))
+            }
+            Act::Repeat => self.last.clone(),
+            Act::Bytes(bytes) => bytes,
+            Act::Fail(error) => return Err(error),
+        };
+        self.last.clone_from(&bytes);
+        Ok(RawFrame { bytes, name: format!("IMG_{count:04}.JPG") })
+    }
+}
+
+impl Drop for FakeCamera {
+    fn drop(&mut self) {
+        self.fakes.world().camera_open = false;
+    }
+}
+
+struct FakeProcessing(Fakes);
+
+impl Processing for FakeProcessing {
+    fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
+        if let Some(reason) = self.0.step_script.lock().unwrap()(&format!("develop {}", bracket.station)) {
+            return Err(reason);
+        }
+        for frame in &bracket.frames {
+            let bytes = std::fs::read(bracket.directory.join("frames").join(&frame.file)).unwrap();
+            assert_eq!(blake3::hash(&bytes).to_hex().as_str(), frame.blake3);
+        }
+        self.0.world().developed.push((bracket.station, bracket.frames.len()));
+        Ok(())
+    }
+
+    fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
+        if let Some(reason) = self.0.step_script.lock().unwrap()("fit") {
+            return Err(reason);
+        }
+        if progress(FitProgress { iteration: 1, cost: 2.5 }).is_break() {
+            return Err("the fit was cancelled".into());
+        }
+        self.0.world().fitted.push(job.light_positions_mm.len());
+        Ok(json!({"mean_relative_error": 0.04, "iterations": 3, "termination": "converged"}))
+    }
+}
+
+/// The real disk, except that it has as much room as a test says and dies at the step a test says.
+pub struct TestDisk {
+    pub free: AtomicU64,
+    /// Steps left before it is dead for good; negative: it lives.
+    pub steps_left: AtomicI64,
+    pub dead: AtomicBool,
+    pub steps: AtomicU64,
+}
+
+impl Default for TestDisk {
+    fn default() -> Self {
+        Self {
+            free: AtomicU64::new(u64::MAX),
+            steps_left: AtomicI64::new(-1),
+            dead: AtomicBool::new(false),
+            steps: AtomicU64::new(0),
+        }
+    }
+}
+
+impl Disk for TestDisk {
+    fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
+        Ok(self.free.load(Ordering::SeqCst))
+    }
+
+    fn before(&self, step: Step) -> io::Result<()> {
+        self.steps.fetch_add(1, Ordering::SeqCst);
+        let left = self.steps_left.load(Ordering::SeqCst);
+        if left == 0 {
+            self.dead.store(true, Ordering::SeqCst);
+        }
+        if self.dead.load(Ordering::SeqCst) {
+            return Err(io::Error::other("killed by the test"));
+        }
+        if left > 0 {
+            self.steps_left.store(left - 1, Ordering::SeqCst);
+        }
+        RealDisk.before(step)
+    }
+}
