@@ -1,7 +1,7 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{error, fit, relight};
+use rigd::cli::{config, demo, error, fit, merge, relight, serve, session, simulate};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -14,14 +14,39 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Serve(serve::Args),
+    Demo(demo::Args),
+    Session(session::SessionArgs),
     Fit(fit::Args),
     Relight(relight::Args),
+    Merge(merge::Args),
+    Config(config::Args),
+    /// Run a simulated device by itself.
+    #[command(subcommand)]
+    Simulate(Simulate),
+}
+
+#[derive(Subcommand)]
+enum Simulate {
+    /// The simulated arm on a PTY, until SIGINT or SIGTERM.
+    Arm(simulate::arm::Args),
+    /// Shoot the rig's plan with the simulated camera into a folder.
+    Camera(simulate::camera::Args),
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    error::exit_code(match &cli.command {
-        Command::Fit(args) => fit::run(args),
-        Command::Relight(args) => relight::run(args),
+    let filter = tracing_subscriber::EnvFilter::try_from_env("RIGD_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).init();
+    error::exit_code(match Cli::parse().command {
+        Command::Session(args) => return session::run(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Demo(args) => demo::run(&args),
+        Command::Fit(args) => fit::run(&args),
+        Command::Relight(args) => relight::run(&args),
+        Command::Merge(args) => merge::run(args),
+        Command::Config(args) => config::run(&args),
+        Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),
+        Command::Simulate(Simulate::Camera(args)) => simulate::camera::run(args),
     })
 }

@@ -77,9 +77,11 @@ fn the_same_third_stop_written_differently_is_accepted() {
 #[test]
 fn a_body_that_stays_wrong_ends_the_session_after_two_retakes() {
     let fakes = Fakes::default();
-    fakes.on_shot(|shot, _, _| {
-        if shot.station == 1 { Act::Jpeg(Box::new(|e| e.exposure = (2, 1))) } else { Act::Good }
-    });
+    fakes.on_shot(
+        |shot, _, _| {
+            if shot.station == 1 { Act::Jpeg(Box::new(|e| e.exposure = (2, 1))) } else { Act::Good }
+        },
+    );
     run(&fakes, S::Failed, |engine, id| {
         assert_eq!(events(engine, id, "frame.rejected").len(), 3);
         let snapshot = engine.session(id).unwrap();

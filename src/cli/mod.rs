@@ -1,4 +1,6 @@
 //! Commands: the composition root. The only place that knows both the simulated and the real devices.
+pub mod config;
+pub mod daemon;
 pub mod demo;
 pub mod error;
 pub mod fit;

@@ -1,1 +1,65 @@
+//! `rigd serve`: the daemon.
 
+use super::daemon::Daemon;
+use super::error::bad_input;
+use anyhow::Context;
+use rig_config::Rig;
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use tokio::signal::unix::{SignalKind, signal};
+
+/// Run the daemon for a rig.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Rig file (see rig-config/rigs for the shipped ones).
+    #[arg(long)]
+    config: PathBuf,
+    /// Address and port, loopback only; port 0 takes any free one. Wins over the rig file.
+    #[arg(long)]
+    listen: Option<SocketAddr>,
+    /// Directory of all sessions. Wins over the rig file.
+    #[arg(long)]
+    data: Option<PathBuf>,
+}
+
+/// Reads a rig file and its text.
+pub fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
+    let text = std::fs::read_to_string(path).map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
+    let rig = Rig::from_toml(&text, &path.display().to_string()).map_err(bad_input)?;
+    Ok((rig, text))
+}
+
+/// Serves until SIGINT or SIGTERM, then cleans up.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let (mut rig, text) = read_rig(&args.config)?;
+    if let Some(listen) = args.listen {
+        rig.server.listen = listen;
+    }
+    if let Some(data) = &args.data {
+        rig.storage.data.clone_from(data);
+    }
+    runtime()?.block_on(async {
+        // Listening for signals before anything is on, so that none comes too early to be cleaned up after.
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let mut terminate = signal(SignalKind::terminate())?;
+        let daemon = Daemon::start(rig, text).await?;
+        let mut out = std::io::stdout();
+        // Whoever started the daemon may have stopped reading; it serves all the same.
+        let _ = writeln!(out, "listening on {}", daemon.url).and_then(|()| out.flush());
+        tokio::select! {
+            _ = interrupt.recv() => tracing::info!("SIGINT: ending"),
+            _ = terminate.recv() => tracing::info!("SIGTERM: ending"),
+        }
+        daemon.stop().await
+    })
+}
+
+/// The async runtime of a daemon: two threads are plenty, the work happens on threads of its own.
+pub fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .context("the async runtime cannot be started")
+}

@@ -66,7 +66,7 @@ impl PipelineProcessing {
             objective: request.objective.clone().unwrap_or_else(|| fit.objective.clone()),
             leave_out: request.leave_out.clone().unwrap_or_default(),
             cosine_cutoff: Some(fit.cosine_cutoff),
-            threads: None,
+            ..FitOptions::default()
         }
     }
 }

@@ -3,7 +3,7 @@
 mod raw;
 
 use super::exr;
-use crate::numerics::geometry::{Light, Projection, Sphere, Vec3};
+use crate::numerics::geometry::{Light, Sphere, Vec3};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::dataset::{Dataset, Geometry, NamedLight};
 use raw::{RawDataset, RawLight};
@@ -224,16 +224,17 @@ fn read_mask(path: &Path, size: (usize, usize)) -> Result<Image<bool>, String> {
 
 /// Path of a station's radiance image inside a session directory.
 pub fn radiance_name(station: usize) -> String {
-    format!("radiance/{station:03}.exr")
+    format!("radiance/{station:02}.exr")
 }
 
-/// Writes `directory/dataset.toml` for a rig's session: one light a station, images by [`radiance_name`].
+/// Writes `directory/dataset.toml` for a rig's session: one light a station in the order of the plan, mm, images by
+/// [`radiance_name`].
 pub fn write_for_session(
     directory: &Path,
     rig: &rig_config::Rig,
-    stations: &[(usize, [f64; 3])],
+    light_positions_mm: &[[f64; 3]],
 ) -> Result<(), DatasetError> {
-    let raw = RawDataset::of_session(rig, stations);
+    let raw = RawDataset::of_session(rig, light_positions_mm);
     let path = directory.join(FILE);
     let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
     std::fs::write(&path, text).map_err(|e| error(&path, e.to_string()))
@@ -242,6 +243,7 @@ pub fn write_for_session(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::geometry::Projection;
 
     const GOOD: &str = r#"
         format = 1

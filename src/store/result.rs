@@ -32,7 +32,6 @@ fn error(path: &Path, reason: impl ToString) -> ResultError {
 pub fn write(directory: &Path, result: &FitResult) -> Result<(), ResultError> {
     std::fs::create_dir_all(directory).map_err(|e| error(directory, e))?;
     write_json(&directory.join("material.json"), &result.material)?;
-    let count = result.mixture.materials.len();
     write_weights(
         &directory.join("weights.exr"),
         result,

@@ -93,8 +93,8 @@ pub(super) struct RawLight {
 }
 
 impl RawDataset {
-    /// The dataset of a session: the rig's camera and sphere, and per station shot its number and light position, mm.
-    pub fn of_session(rig: &rig_config::Rig, stations: &[(usize, [f64; 3])]) -> Self {
+    /// The dataset of a session: the rig's camera and sphere, and one light position a station, mm.
+    pub fn of_session(rig: &rig_config::Rig, light_positions_mm: &[[f64; 3]]) -> Self {
         let camera = &rig.camera;
         Self {
             format: 1,
@@ -119,9 +119,10 @@ impl RawDataset {
                 normals: None,
             },
             samples: RawSamples { saturation: None, cosine_cutoff: Some(rig.fit.cosine_cutoff) },
-            light: stations
+            light: light_positions_mm
                 .iter()
-                .map(|&(station, position_mm)| RawLight {
+                .enumerate()
+                .map(|(station, &position_mm)| RawLight {
                     image: radiance_name(station),
                     position_mm: Some(position_mm),
                     intensity: Some(rig.lamp.intensity),

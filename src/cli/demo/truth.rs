@@ -1,0 +1,234 @@
+//! A fitted material beside the one the simulated ball is made of.
+//!
+//! The gauge (gamma_m -> a gamma_m, rho_m -> rho_m / a) is removed first: each fitted material is scaled so that its weight
+//! map fits the true one best.
+
+use crate::numerics::brdf::{self, Lobe, Material};
+use crate::numerics::geometry::{Angles, Light, Projection, Sphere, Vec3};
+use crate::pipeline::dataset::Geometry;
+use crate::pipeline::relight::relight;
+use crate::sim::pose::Pose;
+use crate::sim::world::World;
+use crate::store::result::StoredMaterial;
+use anyhow::Context;
+use rig_config::{Rig, Simulation};
+use std::io::Write;
+
+/// Arm angles the fit never saw, degrees.
+const UNSEEN_DEG: [f64; 4] = [-38.0, -3.0, 32.0, 67.0];
+
+/// Relighting must be this good, mean relative error.
+const RELIGHT_LIMIT: f64 = 0.03;
+
+/// Every parameter must be this close to the truth for the material to count as recovered.
+const PARAMETER_LIMIT: f64 = 0.25;
+
+/// Cosines above which relighting is judged.
+const COSINE_CUTOFF: f64 = 0.15;
+
+/// One line of the comparison.
+struct Line {
+    name: String,
+    truth: f64,
+    found: f64,
+}
+
+impl Line {
+    fn error(&self) -> f64 {
+        self.found / self.truth - 1.0
+    }
+}
+
+/// The comparison.
+pub struct Verdict {
+    lines: Vec<Line>,
+    mean_relative_error: f64,
+    papers_error: f64,
+    relight_error: f64,
+    weight_error: f64,
+}
+
+impl Verdict {
+    /// True when errors and every parameter are within their limits.
+    pub fn recovered(&self) -> bool {
+        self.mean_relative_error <= self.papers_error
+            && self.relight_error <= RELIGHT_LIMIT
+            && self.lines.iter().all(|line| line.error().abs() <= PARAMETER_LIMIT)
+    }
+
+    /// Prints the comparison; what is out of its limit is marked with !.
+    pub fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let mark = |ok: bool| if ok { ' ' } else { '!' };
+        writeln!(out, "  {:<24} {:>9} {:>9} {:>8}", "parameter", "truth", "found", "error")?;
+        for line in &self.lines {
+            let error = line.error();
+            writeln!(
+                out,
+                "{} {:<24} {:>9.4} {:>9.4} {:>+7.1}%",
+                mark(error.abs() <= PARAMETER_LIMIT),
+                line.name,
+                line.truth,
+                line.found,
+                100.0 * error
+            )?;
+        }
+        writeln!(out, "  weight maps: rms error {:.3}", self.weight_error)?;
+        writeln!(
+            out,
+            "{} mean relative error {:.2} % (paper {:.2} %)",
+            mark(self.mean_relative_error <= self.papers_error),
+            100.0 * self.mean_relative_error,
+            100.0 * self.papers_error
+        )?;
+        writeln!(
+            out,
+            "{} relighting under {} unseen lights: mean relative error {:.2} % (limit {:.0} %)",
+            mark(self.relight_error <= RELIGHT_LIMIT),
+            UNSEEN_DEG.len(),
+            100.0 * self.relight_error,
+            100.0 * RELIGHT_LIMIT
+        )
+    }
+}
+
+/// Compares a fitted material with the ball of `rig`'s simulation.
+pub fn compare(
+    rig: &Rig,
+    stored: &StoredMaterial,
+    mean_relative_error: f64,
+    papers_error: f64,
+) -> anyhow::Result<Verdict> {
+    let simulation = rig.simulation.as_ref().context("the rig is not simulated")?;
+    let lobe = brdf::by_name(&stored.material.model).context("unknown BRDF model")?;
+    let geometry = geometry(rig);
+    let found = stored.material.materials();
+    let (lines, weight_error) = match_materials(rig, simulation, stored, &geometry, &found)?;
+    let relight_error = relight_error(rig, simulation, stored, &geometry, lobe, &found)?;
+    Ok(Verdict { lines, mean_relative_error, papers_error, relight_error, weight_error })
+}
+
+fn geometry(rig: &Rig) -> Geometry {
+    let camera = &rig.camera;
+    Geometry {
+        width: camera.width,
+        height: camera.height,
+        projection: Projection::Pinhole {
+            focal_px: camera.focal_px,
+            principal_px: camera.principal_px,
+            distortion: camera.distortion,
+        },
+        object: Sphere { center: Vec3::from(rig.object.center_mm), radius: rig.object.radius_mm },
+        mask: None,
+        lights: Vec::new(),
+        cosine_cutoff: COSINE_CUTOFF,
+    }
+}
+
+/// Weights of one material over the fitted pixels, found and true.
+fn weight_pairs(
+    world: &World,
+    stored: &StoredMaterial,
+    geometry: &Geometry,
+    found: usize,
+    truth: usize,
+) -> Vec<(f64, f64)> {
+    let mut pairs = Vec::new();
+    for y in 0..geometry.height {
+        for x in 0..geometry.width {
+            if stored.weights.iter().all(|map| *map.at(x, y) == 0.0) {
+                continue;
+            }
+            let ray = geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5);
+            if let Some(point) = geometry.object.intersect(&ray) {
+                pairs.push((f64::from(*stored.weights[found].at(x, y)), world.scene().weights(&point.normal)[truth]));
+            }
+        }
+    }
+    pairs
+}
+
+/// Pairs found with true materials by hue, removes the gauge, and lists every parameter; and the rms error of the weights.
+fn match_materials(
+    rig: &Rig,
+    simulation: &Simulation,
+    stored: &StoredMaterial,
+    geometry: &Geometry,
+    found: &[Material],
+) -> anyhow::Result<(Vec<Line>, f64)> {
+    let world = World::new(rig, simulation);
+    let truth = world.scene().materials();
+    anyhow::ensure!(found.len() == truth.len(), "{} materials were fitted, the ball has {}", found.len(), truth.len());
+    let straight = hue_distance(&found[0], &truth[0]) + hue_distance(&found[1], &truth[1]);
+    let crossed = hue_distance(&found[0], &truth[1]) + hue_distance(&found[1], &truth[0]);
+    let mut lines = Vec::new();
+    let (mut squares, mut count) = (0.0, 0.0);
+    for (t, true_material) in truth.iter().enumerate() {
+        let f = if straight <= crossed { t } else { 1 - t };
+        let pairs = weight_pairs(&world, stored, geometry, f, t);
+        let product: f64 = pairs.iter().map(|(a, b)| a * b).sum();
+        let square: f64 = pairs.iter().map(|(a, _)| a * a).sum();
+        let gauge = product / square;
+        squares += pairs.iter().map(|(a, b)| (gauge * a - b).powi(2)).sum::<f64>();
+        count += pairs.len() as f64;
+        lines.extend(parameter_lines(t, true_material, &found[f], gauge));
+    }
+    Ok((lines, (squares / f64::max(count, 1.0)).sqrt()))
+}
+
+fn hue_distance(a: &Material, b: &Material) -> f64 {
+    let unit = |m: &Material| Vec3::from(m.rho_d).normalize();
+    (unit(a) - unit(b)).norm()
+}
+
+fn parameter_lines(material: usize, truth: &Material, found: &Material, gauge: f64) -> Vec<Line> {
+    let mut lines = Vec::new();
+    let name = |what: &str| format!("material {} {what}", material + 1);
+    for (c, channel) in ["red", "green", "blue"].iter().enumerate() {
+        let found = found.rho_d[c] / gauge;
+        lines.push(Line { name: name(&format!("rho_d {channel}")), truth: truth.rho_d[c], found });
+    }
+    for (c, channel) in ["red", "green", "blue"].iter().enumerate() {
+        let found = found.rho_s[c] / gauge;
+        lines.push(Line { name: name(&format!("rho_s {channel}")), truth: truth.rho_s[c], found });
+    }
+    lines.push(Line { name: name("beta"), truth: truth.beta, found: found.beta });
+    lines
+}
+
+/// Mean of |I - model| / I against the noise-free world under lights the fit never saw.
+fn relight_error(
+    rig: &Rig,
+    simulation: &Simulation,
+    stored: &StoredMaterial,
+    geometry: &Geometry,
+    lobe: &dyn Lobe,
+    found: &[Material],
+) -> anyhow::Result<f64> {
+    let world = World::new(rig, simulation);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for angle_deg in UNSEEN_DEG {
+        let position = Vec3::from(rig.lamp.position_mm(angle_deg));
+        let light = Light::Point { position, intensity: rig.lamp.intensity };
+        let truth = world.radiance(Pose { angle_deg, lamp_permille: rig.lamp.level_permille });
+        let model = relight(lobe, found, &stored.weights, geometry, &light);
+        for y in 0..geometry.height {
+            for x in 0..geometry.width {
+                let Some(point) = geometry.object.intersect(&geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))
+                else {
+                    continue;
+                };
+                let angles = Angles::new(&point.normal, &light.at(&point.position).0, &point.view);
+                let fitted = stored.weights.iter().any(|map| *map.at(x, y) > 0.0);
+                if !fitted || angles.cos_i <= COSINE_CUTOFF || angles.cos_r <= COSINE_CUTOFF {
+                    continue;
+                }
+                for c in 0..3 {
+                    sum += (truth.at(x, y)[c] - f64::from(model.at(x, y)[c])).abs() / truth.at(x, y)[c];
+                    count += 1.0;
+                }
+            }
+        }
+    }
+    anyhow::ensure!(count > 0.0, "no fitted point is lit by an unseen light");
+    Ok(sum / count)
+}
