@@ -98,6 +98,25 @@ fn response_is_recovered_within_one_percent_and_never_falls() {
     }
 }
 
+#[test]
+fn a_poor_bracket_leans_on_the_monotony_constraints_and_says_so() {
+    // Levels shaken by 5 and few pixels: the plain least-squares curve falls in places.
+    let mut frames = shoot(&TIMES, NOISE, 4);
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(9);
+    for level in frames.iter_mut().flat_map(|frame| frame.levels.pixels.as_flattened_mut()) {
+        let normal: f64 = StandardNormal.sample(&mut rng);
+        *level = (f64::from(*level) + 5.0 * normal).clamp(0.0, 255.0) as u8;
+    }
+    for frame in &mut frames {
+        frame.levels.pixels.truncate(6 * SIZE.0);
+        frame.levels.height = 6;
+    }
+    let found = recover(&Bracket::new(frames, ROUNDING).unwrap()).unwrap();
+    println!("{:?} constraints active", found.active_constraints);
+    assert!(found.active_constraints.iter().all(|&active| active > 0));
+    assert!(found.response.log_exposure.iter().all(|curve| curve.windows(2).all(|step| step[0] <= step[1])));
+}
+
 /// Mean and variance of (estimate - truth) / sigma and relative bias over valid pixels of channel `c`.
 fn pulls(bracket: &Bracket, response: &Response, c: usize) -> (f64, f64, f64) {
     let merged = merge(bracket, response, &NOISE);

@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use rig_config::{Rig, Shutter, Simulation};
+use rigd::cli::merge::merge_folder;
+use rigd::cli::simulate::camera::shoot_plan;
 use rigd::devices::Cancel;
 use rigd::devices::camera::{Camera, CameraError, Shot};
 use rigd::numerics::geometry::{Projection, Sphere, Vec3};
@@ -163,7 +165,7 @@ fn fitted_pixels(rig: &Rig, angle_deg: f64) -> Vec<usize> {
 #[test]
 fn every_fitted_sample_is_well_exposed_at_least_three_times() {
     for scene in [rig_config::Scene::Marble, rig_config::Scene::Wood] {
-        for angle_deg in [-20.0, 50.0, 140.0] {
+        for angle_deg in [15.0, 140.0] {
             let mut studio = Studio::at(Simulation { scene, ..SIMULATION }, angle_deg, 1000);
             let pictures: Vec<_> = (0..10).map(|k| studio.picture(k)).collect();
             for i in fitted_pixels(&studio.rig, angle_deg) {
@@ -200,6 +202,23 @@ fn developed_bracket_is_the_worlds_radiance() {
         let far = developed.image.valid.at(2, 2);
         assert!(!far, "the black surroundings are too dark to be valid");
     }
+}
+
+#[test]
+fn a_folder_shot_by_command_merges_by_list_and_by_exif() {
+    let (rig, folder) = (rig(), tempfile::tempdir().unwrap());
+    let out = folder.path().join("bracket");
+    assert_eq!(shoot_plan(&rig, SIMULATION, Some(2), &out).unwrap(), 10);
+    assert!(out.join("002-00.jpg").is_file() && out.join("002-09.jpg").is_file());
+    let by_list = merge_folder(&out).unwrap();
+    std::fs::remove_file(out.join("exposures.toml")).unwrap();
+    let by_exif = merge_folder(&out).unwrap();
+    assert_eq!(by_list.image.radiance, by_exif.image.radiance, "third-stop labels mean the times listed");
+
+    let message = shoot_plan(&rig, SIMULATION, Some(2), &out).unwrap_err().to_string();
+    assert!(message.contains("not empty"), "{message}");
+    let message = shoot_plan(&rig, SIMULATION, Some(7), &folder.path().join("new")).unwrap_err().to_string();
+    assert!(message.contains("stations 0 to 6"), "{message}");
 }
 
 #[test]

@@ -97,6 +97,9 @@ fn check_size(width: usize, height: usize) -> Result<(), DecodeError> {
 
 fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     let broken = |reason: zune_jpeg::errors::DecodeErrors| damaged(Format::Jpeg, reason);
+    if !has_end(bytes) {
+        return Err(damaged(Format::Jpeg, "it has no end marker"));
+    }
     // Strict: a truncated file is an error, not a picture with a grey lower part.
     let options = DecoderOptions::default()
         .set_strict_mode(true)
@@ -108,6 +111,13 @@ fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     let (width, height) = decoder.dimensions().ok_or_else(|| damaged(Format::Jpeg, "it has no size"))?;
     check_size(width, height)?;
     rgb(Format::Jpeg, width, height, &decoder.decode().map_err(broken)?)
+}
+
+/// True when an end marker follows the last start of a scan. Inside a scan neither occurs, and the scan and end of a thumbnail
+/// lie before the picture's own; the decoder itself takes a file that lacks its last rows' bits.
+fn has_end(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
+    last(0xd9) > last(0xda)
 }
 
 fn decode_lossless(bytes: &[u8], format: Format, kind: image::ImageFormat) -> Result<Image<[u8; 3]>, DecodeError> {
@@ -172,4 +182,122 @@ fn read_exif(bytes: &[u8]) -> Option<FrameInfo> {
         iso: value(exif::Tag::PhotographicSensitivity).and_then(|v| v.get_uint(0)),
         time,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use rand::rngs::Xoshiro256PlusPlus;
+    use rand::{RngExt, SeedableRng};
+
+    /// A small picture with detail in it.
+    fn picture() -> Image<[u8; 3]> {
+        let pixel = |i: usize| [(i * 5 % 256) as u8, (i / 48 * 7) as u8, (i % 48 * 4) as u8];
+        Image { width: 48, height: 32, pixels: (0..48 * 32).map(pixel).collect() }
+    }
+
+    fn jpeg() -> Vec<u8> {
+        use exif::{Field, In, Rational, Tag, Value};
+        let fields = [
+            (Tag::ExposureTime, Value::Rational(vec![Rational { num: 1, denom: 60 }])),
+            (Tag::FNumber, Value::Rational(vec![Rational { num: 56, denom: 10 }])),
+            (Tag::PhotographicSensitivity, Value::Short(vec![100])),
+            (Tag::DateTimeOriginal, Value::Ascii(vec![b"2026:11:23 12:00:00".to_vec()])),
+        ]
+        .map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value });
+        let mut writer = exif::experimental::Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let mut block = Cursor::new(Vec::new());
+        writer.write(&mut block, true).unwrap();
+        let mut bytes = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, 95);
+        encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_1_1);
+        encoder.add_exif_metadata(&block.into_inner()).unwrap();
+        encoder.encode(picture().pixels.as_flattened(), 48, 32, jpeg_encoder::ColorType::Rgb).unwrap();
+        bytes
+    }
+
+    fn lossless(format: image::ImageFormat) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        image::write_buffer_with_format(
+            &mut bytes,
+            picture().pixels.as_flattened(),
+            48,
+            32,
+            image::ExtendedColorType::Rgb8,
+            format,
+        )
+        .unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn lossless_files_come_back_exactly() {
+        for format in [image::ImageFormat::Png, image::ImageFormat::Bmp] {
+            assert_eq!(decode(&lossless(format)).unwrap(), picture(), "{format:?}");
+        }
+    }
+
+    #[test]
+    fn jpeg_comes_back_with_its_facts() {
+        let decoded = decode(&jpeg()).unwrap();
+        assert_eq!((decoded.width, decoded.height), (48, 32));
+        let info = FrameInfo::read(&jpeg());
+        assert_eq!((info.f_number, info.iso), (Some(5.6), Some(100)));
+        assert_eq!(info.time.as_deref(), Some("2026:11:23 12:00:00"));
+        assert!((info.true_time_s().unwrap() - 1.0 / 64.0).abs() < 1e-12, "a label of 1/60 opens for 1/64 s");
+    }
+
+    #[test]
+    fn labels_mean_powers_of_two_and_half_stops_are_refused() {
+        let true_time = |label: f64| FrameInfo { exposure_time_s: Some(label), ..FrameInfo::default() }.true_time_s();
+        for (label, time) in [(15.0, 16.0), (13.0, 12.699), (6.0, 6.3496), (0.3, 0.31498), (0.01, 0.0098431)] {
+            assert!((true_time(label).unwrap() / time - 1.0).abs() < 1e-4, "{label}");
+        }
+        for half_stop in [0.7, 1.0 / 45.0, 1.0 / 90.0] {
+            assert_eq!(true_time(half_stop), None, "{half_stop}");
+        }
+    }
+
+    #[test]
+    fn a_truncated_file_is_an_error_at_any_length() {
+        let (png, bmp) = (lossless(image::ImageFormat::Png), lossless(image::ImageFormat::Bmp));
+        // A PNG's last 12 bytes are its end marker: without them every pixel is still there and checked.
+        for (whole, spare) in [(jpeg(), 0), (png, 12), (bmp, 0)] {
+            let needed = whole.len() - spare;
+            for length in (0..needed).step_by(7).chain(needed - 80..needed) {
+                assert!(decode(&whole[..length]).is_err(), "{length} of {} bytes were taken", whole.len());
+            }
+        }
+    }
+
+    #[test]
+    fn mutated_files_give_a_picture_or_an_error() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
+        for whole in [jpeg(), lossless(image::ImageFormat::Png), lossless(image::ImageFormat::Bmp)] {
+            for _ in 0..3_000 {
+                let mut bytes = whole.clone();
+                for _ in 0..random.random_range(1..6) {
+                    let at = random.random_range(0..bytes.len());
+                    bytes[at] = random.random();
+                }
+                if let Ok(decoded) = decode(&bytes) {
+                    assert_eq!(decoded.pixels.len(), decoded.width * decoded.height);
+                }
+                let _ = FrameInfo::read(&bytes).true_time_s();
+            }
+        }
+    }
+
+    #[test]
+    fn huge_and_foreign_files_are_refused_by_their_headers() {
+        let mut huge = lossless(image::ImageFormat::Bmp);
+        huge[18..22].copy_from_slice(&15_000_i32.to_le_bytes());
+        huge[22..26].copy_from_slice(&15_000_i32.to_le_bytes());
+        assert_eq!(decode(&huge), Err(DecodeError::TooLarge { width: 15_000, height: 15_000 }));
+        for foreign in [&b""[..], b"GIF89a....", b"hello"] {
+            assert!(matches!(decode(foreign), Err(DecodeError::UnknownFormat { .. })));
+        }
+    }
 }

@@ -118,3 +118,52 @@ fn cut(picture: &Image<[u8; 3]>, crop: Crop) -> Result<Image<[u8; 3]>, String> {
     let pixels = rows.flat_map(|row| row[crop.x..crop.x + crop.width].iter().copied()).collect();
     Ok(Image { width: crop.width, height: crop.height, pixels })
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// A PNG of 6x4 pixels whose level is 10 x column + row.
+    fn png() -> Vec<u8> {
+        let pixels: Vec<u8> = (0..24_u8).flat_map(|i| [10 * (i % 6) + i / 6; 3]).collect();
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let format = image::ImageFormat::Png;
+        image::write_buffer_with_format(&mut bytes, &pixels, 6, 4, image::ExtendedColorType::Rgb8, format).unwrap();
+        bytes.into_inner()
+    }
+
+    #[test]
+    fn the_crop_is_cut_from_the_full_frame() {
+        let bytes = png();
+        let frame = [BracketFrame { name: "a", bytes: &bytes, time_s: 1.0 }];
+        let crop = Crop { x: 2, y: 1, width: 3, height: 2 };
+        let bracket = read_bracket(&frame, Some(crop)).unwrap();
+        let levels: Vec<u8> = bracket.exposures()[0].levels.pixels.iter().map(|p| p[1]).collect();
+        assert_eq!(levels, [21, 31, 41, 22, 32, 42]);
+    }
+
+    #[test]
+    fn a_crop_outside_the_frame_is_refused_by_name() {
+        let bytes = png();
+        let frame = [BracketFrame { name: "a.png", bytes: &bytes, time_s: 1.0 }];
+        let whole = Crop { x: 0, y: 0, width: 6, height: 4 };
+        for crop in [
+            Crop { x: 1, ..whole },
+            Crop { height: 5, ..whole },
+            Crop { width: 0, ..whole },
+            Crop { x: usize::MAX, ..whole },
+        ] {
+            let message = read_bracket(&frame, Some(crop)).unwrap_err().to_string();
+            assert!(message.contains("a.png") && message.contains("6x4"), "{message}");
+        }
+        assert!(read_bracket(&frame, Some(whole)).is_ok());
+    }
+
+    #[test]
+    fn a_broken_frame_is_refused_by_name() {
+        let frame = [BracketFrame { name: "b.jpg", bytes: b"\xff\xd8\xff\xe0", time_s: 1.0 }];
+        let message = read_bracket(&frame, None).unwrap_err().to_string();
+        assert!(message.contains("b.jpg") && message.contains("again"), "{message}");
+    }
+}

@@ -1,1 +1,104 @@
+//! `rigd simulate camera`: the simulated camera by itself, shooting a rig's plan into a folder.
 
+use crate::devices::Cancel;
+use crate::devices::camera::{Camera, Shot};
+use crate::sim::camera::{CameraFaults, SimulatedCamera};
+use crate::sim::pose::{Pose, SharedPose};
+use anyhow::{Context, bail};
+use indicatif::{ProgressBar, ProgressStyle};
+use rig_config::{Rig, Scene, Simulation};
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Shoots the rig file's plan, arm and camera simulated, as fast as it goes.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Rig file: geometry, sensor, plan and simulated world.
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// New or empty folder for the frames, SSS-EE.jpg (station, exposure); with --station also exposures.toml.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Shoot another object than the rig file names.
+    #[arg(long, value_enum)]
+    scene: Option<SceneName>,
+    /// Shoot this station of the plan only, from 0.
+    #[arg(long, value_name = "N")]
+    station: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum SceneName {
+    Marble,
+    Wood,
+}
+
+/// Reads the rig file and shoots.
+pub fn run(args: Args) -> anyhow::Result<()> {
+    let rig = Rig::read(&args.config)?;
+    let Some(mut simulation) = rig.simulation.clone() else {
+        bail!("{}: no [simulation] section: add one with scene, seed and speed", args.config.display());
+    };
+    if let Some(scene) = args.scene {
+        simulation.scene = match scene {
+            SceneName::Marble => Scene::Marble,
+            SceneName::Wood => Scene::Wood,
+        };
+    }
+    let frames = shoot_plan(&rig, simulation, args.station, &args.out)?;
+    println!("{frames} frames in {}", args.out.display());
+    Ok(())
+}
+
+/// Shoots every exposure of the plan's stations, or of `station` alone, into `out`; returns the number of frames.
+pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out: &Path) -> anyhow::Result<usize> {
+    let plan = &rig.plan;
+    let stations = match station {
+        Some(n) if n < plan.stations_deg.len() => n..n + 1,
+        Some(n) => bail!("station {n}: the plan has stations 0 to {}", plan.stations_deg.len() - 1),
+        None => 0..plan.stations_deg.len(),
+    };
+    make_empty(out)?;
+    let pose = SharedPose::default();
+    let at_once = Simulation { speed: f64::INFINITY, ..simulation };
+    let mut camera = SimulatedCamera::new(rig, &at_once, pose.clone(), CameraFaults::default());
+    let bar = ProgressBar::new((stations.len() * plan.exposures.len()) as u64)
+        .with_style(ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")?);
+    let mut list = String::new();
+    for station in stations {
+        pose.set(Pose { angle_deg: plan.stations_deg[station], lamp_permille: rig.lamp.level_permille });
+        for (exposure, shutter) in plan.exposures.iter().enumerate() {
+            let shot = Shot {
+                station,
+                exposure,
+                shutter: shutter.clone(),
+                f_number: rig.camera.f_number,
+                iso: rig.camera.iso,
+            };
+            let frame = camera.shoot(&shot, &Cancel::default())?;
+            let name = format!("{station:03}-{exposure:02}.jpg");
+            write_file(&out.join(&name), &frame.bytes)?;
+            write!(list, "[[frame]]\nfile = \"{name}\"\ntime_s = {:?}\n\n", shutter.true_s)?;
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    if station.is_some() {
+        write_file(&out.join("exposures.toml"), list.as_bytes())?;
+    }
+    Ok(bar.position() as usize)
+}
+
+/// Frames of another plan among the new ones would be played as if they belonged to it.
+fn make_empty(out: &Path) -> anyhow::Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
+    if fs::read_dir(out).with_context(|| format!("{}: the folder cannot be read", out.display()))?.next().is_some() {
+        bail!("{}: the folder is not empty: give a new one", out.display());
+    }
+    Ok(())
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    fs::write(path, bytes).with_context(|| format!("{}: the file cannot be written", path.display()))
+}

@@ -24,8 +24,8 @@ pub fn non_negative_least_squares(gram: &DMatrix<f64>, rhs: &DVector<f64>) -> Op
         if infeasible.len() < fewest {
             fewest = infeasible.len();
             tries = BLOCK_TRIES;
-        } else if tries > 0 {
-            tries -= 1;
+        } else {
+            tries = tries.saturating_sub(1);
         }
         let exchanged = if tries > 0 { infeasible.as_slice() } else { std::slice::from_ref(&last) };
         for &i in exchanged {
