@@ -25,7 +25,8 @@ fn run(fakes: &Fakes, state: S, check: impl FnOnce(&EngineHandle, &str)) {
 
 #[test]
 fn each_kind_of_bad_frame_is_refused_for_its_reason_and_retaken() {
-    let kinds: Vec<(&str, fn() -> Act)> = vec![
+    type Kind = (&'static str, fn() -> Act);
+    let kinds: Vec<Kind> = vec![
         ("was asked for: the body ignored the shutter speed", || Act::Jpeg(Box::new(|e| e.exposure = (1, 125)))),
         ("EXIF says f/8", || Act::Jpeg(Box::new(|e| e.f_number = (8, 1)))),
         ("EXIF says ISO 200", || Act::Jpeg(Box::new(|e| e.iso = 200))),
@@ -357,6 +358,29 @@ fn a_full_disk_suspends_and_with_room_again_nothing_is_missing() {
         assert_eq!(files, 6, "no half-written file is left");
         fakes.assert_safe();
     }
+}
+
+#[test]
+fn a_disk_that_takes_not_even_a_journal_line_suspends_and_leaves_no_gap() {
+    let fakes = Fakes::default();
+    let data = tempfile::tempdir().unwrap();
+    let engine = fakes.engine(data.path());
+    let disk = fakes.disk.clone();
+    fakes.on_shot(move |_, count, _| {
+        if count == 3 {
+            disk.full.store(true, Ordering::SeqCst);
+        }
+        Act::Good
+    });
+    let id = begin(&engine);
+    let suspended = wait_for(&engine, &id, S::Suspended);
+    assert_eq!(suspended.frames_committed, 3);
+    fakes.disk.full.store(false, Ordering::SeqCst);
+    assert_eq!(wait_for(&engine, &id, S::Completed).frames_committed, 6);
+    let events = engine.events_after(&id, 0).unwrap();
+    assert!(events.iter().enumerate().all(|(i, e)| e["seq"] == i + 1));
+    let files = std::fs::read_dir(data.path().join("sessions").join(&id).join("frames")).unwrap().count();
+    assert_eq!(files, 6);
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn killed_at_every_step_of_a_session_no_acknowledged_frame_is_lost() {
     assert!(steps > 60, "{steps} steps: the disk is not asked");
     for step in 0..steps {
         let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());
-        fakes.disk.steps_left.store(step as i64, Ordering::SeqCst);
+        fakes.disk.steps_left.store(i64::try_from(step).unwrap(), Ordering::SeqCst);
         let acknowledged = run_until_dead(&fakes, data.path());
         fakes.assert_dark();
         tear_temporary_files(data.path());

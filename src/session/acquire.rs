@@ -388,8 +388,15 @@ impl<'a> Acquisition<'a> {
         }
     }
 
-    fn record(&self, kind: &str, fields: serde_json::Value) -> Result<(), Ended> {
-        self.book.record(self.id, kind, fields).map_err(|e| Ended::Failed(e.to_string()))
+    /// Journals a record, however long the disk is full.
+    fn record(&mut self, kind: &str, fields: serde_json::Value) -> Result<(), Ended> {
+        loop {
+            match self.book.record(self.id, kind, fields.clone()) {
+                Ok(()) => return Ok(()),
+                Err(error @ StoreError::NoSpace { .. }) => self.suspend(&error, 0)?,
+                Err(error) => return Err(Ended::Failed(error.to_string())),
+            }
+        }
     }
 
     /// Wall time for a planned second so far, without the time the session was held up.

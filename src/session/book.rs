@@ -119,7 +119,8 @@ impl Book {
         self.changes.subscribe()
     }
 
-    fn tell(&self) {
+    /// Tells everyone who watches that a record was added. Called without the lock: a watcher may look at the book at once.
+    pub fn tell(&self) {
         self.changes.send_modify(|count| *count += 1);
         self.changed.notify_all();
     }
@@ -127,29 +128,6 @@ impl Book {
     /// Tells everyone who waits that something other than a record changed.
     pub fn nudge(&self) {
         self.changed.notify_all();
-    }
-
-    /// Makes a session and hands it to the engine.
-    pub fn begin(
-        &self,
-        inner: &mut Inner,
-        manifest: Manifest,
-        plan: CapturePlan,
-        pace: f64,
-    ) -> Result<SessionSnapshot, StoreError> {
-        let fields = state_fields(SessionState::Preflight, None);
-        let (directory, journal, record) = inner.store.create(&manifest, "session.state", fields)?;
-        let mut ledger = Ledger::new(&manifest, &plan);
-        ledger.apply(&record);
-        let id = manifest.id.clone();
-        let tail = vec![record];
-        let journal = Some(journal);
-        let entry = Entry { ledger, manifest, plan, directory, pace, worker_fault: None, journal, tail };
-        let snapshot = entry.snapshot();
-        inner.sessions.insert(id.clone(), entry);
-        inner.pending = Some(id);
-        self.tell();
-        Ok(snapshot)
     }
 
     /// Waits for a session to run; none once the daemon ends.
@@ -201,9 +179,9 @@ impl Book {
 
     /// An event of the engine's own: the state after it.
     pub fn happen(&self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
-        let state = self.lock().happen(id, event, reason);
+        let state = self.lock().happen(id, event, reason)?;
         self.tell();
-        state
+        Ok(state)
     }
 
     /// Something a user asks.
@@ -249,6 +227,22 @@ impl Book {
 }
 
 impl Inner {
+    /// Makes a session and leaves it for the engine; the caller tells it.
+    pub fn begin(&mut self, manifest: Manifest, plan: CapturePlan, pace: f64) -> Result<SessionSnapshot, StoreError> {
+        let fields = state_fields(SessionState::Preflight, None);
+        let (directory, journal, record) = self.store.create(&manifest, "session.state", fields)?;
+        let mut ledger = Ledger::new(&manifest, &plan);
+        ledger.apply(&record);
+        let id = manifest.id.clone();
+        let tail = vec![record];
+        let journal = Some(journal);
+        let entry = Entry { ledger, manifest, plan, directory, pace, worker_fault: None, journal, tail };
+        let snapshot = entry.snapshot();
+        self.sessions.insert(id.clone(), entry);
+        self.pending = Some(id);
+        Ok(snapshot)
+    }
+
     /// A session by id.
     pub fn entry(&self, id: &str) -> Result<&Entry, EngineError> {
         self.sessions.get(id).ok_or_else(|| EngineError::UnknownSession { id: id.chars().take(64).collect() })

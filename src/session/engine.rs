@@ -59,14 +59,13 @@ struct Engine {
 
 impl Engine {
     fn run(mut self) {
+        let _end = End(Arc::clone(&self.book));
         for fault in self.bench.clean_up() {
             tracing::error!(fault, "clean-up after a crash");
         }
         while let Some(id) = self.book.next_session() {
             self.run_session(&id);
         }
-        self.book.lock().ended = true;
-        self.book.nudge();
     }
 
     /// Acquire, clean up, fit, conclude: every step runs whatever became of the ones before.
@@ -107,7 +106,7 @@ impl Engine {
         if self.jobs.send(job).is_err() {
             return Err(Ended::Failed("the worker has ended: restart the daemon".into()));
         }
-        let look = |inner: &mut Inner| {
+        let mut look = |inner: &mut Inner| {
             if inner.shutdown {
                 return Some(Err(Ended::ShutDown));
             }
@@ -118,7 +117,6 @@ impl Engine {
             let failed = |reason| Ended::Failed(format!("the frames are kept, but there is no fit: {reason}"));
             Some(if whole { answer.map_err(failed) } else { Err(Ended::Stopped) })
         };
-        let mut look = look;
         loop {
             if let Some(ended) = self.book.wait(Duration::from_secs(1), &mut look) {
                 return ended;
@@ -143,6 +141,16 @@ impl Engine {
                 let _ = self.book.happen(id, Event::Fault, Some(&error.to_string()));
             }
         }
+    }
+}
+
+/// Says that the engine's thread has ended, even when it panicked.
+struct End(Arc<Book>);
+
+impl Drop for End {
+    fn drop(&mut self) {
+        self.0.lock().ended = true;
+        self.0.nudge();
     }
 }
 

@@ -169,7 +169,9 @@ impl EngineHandle {
         }
         inner.store.check_space(plan.estimated_bytes)?;
         let manifest = self.manifest(&plan, idempotency)?;
-        let snapshot = self.book.begin(&mut inner, manifest, plan, 1.0 / self.speed)?;
+        let snapshot = inner.begin(manifest, plan, 1.0 / self.speed)?;
+        drop(inner);
+        self.book.tell();
         Ok(Started { snapshot, replayed: false })
     }
 

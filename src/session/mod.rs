@@ -2,13 +2,13 @@
 mod acquire;
 pub mod bench;
 mod book;
-mod crop;
+pub mod crop;
 pub mod engine;
 pub mod handle;
 mod ledger;
 pub mod plan;
 pub mod processing;
-mod quality;
+pub mod quality;
 pub mod state;
 mod worker;
 

@@ -151,7 +151,8 @@ impl Journal {
         let written = self.disk.before(Step::Append).and_then(|()| self.file.write_all(line));
         if let Err(error) = written {
             self.cut_back();
-            return Err(io_error("append to", &self.path, &error));
+            let error = io_error("append to", &self.path, &error);
+            return Err(error.with_need(self.disk.as_ref(), line.len() as u64));
         }
         self.disk.before(Step::SyncJournal).and_then(|()| self.file.sync_data()).map_err(|error| {
             // After a failed sync the kernel may have dropped the page: what is on disk is unknown, so nothing more is promised.

@@ -70,6 +70,19 @@ pub enum StoreError {
     },
 }
 
+impl StoreError {
+    /// Tells a lack of space how much was needed and how much there is.
+    fn with_need(self, disk: &dyn Disk, needed: u64) -> Self {
+        match self {
+            Self::NoSpace { path, .. } => {
+                let free = disk.free_bytes(Path::new(&path)).unwrap_or(0);
+                Self::NoSpace { path, needed, free }
+            }
+            other => other,
+        }
+    }
+}
+
 /// One step of a durable write, in the order in which a frame takes them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {

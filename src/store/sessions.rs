@@ -154,13 +154,9 @@ impl FrameWriter {
     /// Makes `bytes` durable under `name`, unless that would eat into the reserve.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
         self.check_space(bytes.len() as u64)?;
-        frames::write(self.disk.as_ref(), &self.directory, name, bytes).map_err(|error| match error {
-            StoreError::NoSpace { path, .. } => {
-                let needed = (bytes.len() as u64).saturating_add(self.reserve_bytes);
-                StoreError::NoSpace { path, needed, free: self.disk.free_bytes(&self.directory).unwrap_or(0) }
-            }
-            other => other,
-        })
+        let needed = (bytes.len() as u64).saturating_add(self.reserve_bytes);
+        frames::write(self.disk.as_ref(), &self.directory, name, bytes)
+            .map_err(|error| error.with_need(self.disk.as_ref(), needed))
     }
 
     /// Takes back a frame whose journal line could not be written.

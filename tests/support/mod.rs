@@ -399,6 +399,8 @@ pub struct TestDisk {
     /// Steps left before it is dead for good; negative: it lives.
     pub steps_left: AtomicI64,
     pub dead: AtomicBool,
+    /// Nothing can be written, whatever `free` says.
+    pub full: AtomicBool,
     pub steps: AtomicU64,
 }
 
@@ -408,6 +410,7 @@ impl Default for TestDisk {
             free: AtomicU64::new(u64::MAX),
             steps_left: AtomicI64::new(-1),
             dead: AtomicBool::new(false),
+            full: AtomicBool::new(false),
             steps: AtomicU64::new(0),
         }
     }
@@ -429,6 +432,9 @@ impl Disk for TestDisk {
         }
         if left > 0 {
             self.steps_left.store(left - 1, Ordering::SeqCst);
+        }
+        if self.full.load(Ordering::SeqCst) && matches!(step, Step::Write | Step::Append) {
+            return Err(io::ErrorKind::StorageFull.into());
         }
         RealDisk.before(step)
     }
