@@ -256,6 +256,9 @@ fn a_picture_taken_while_the_arm_moves_shows_it() {
             std::thread::yield_now();
         }
     });
+    while studio.pose.get().angle_deg == 0.0 {
+        std::thread::yield_now();
+    }
     let blurred = studio.picture(7);
     stop.cancel();
     mover.join().unwrap();

@@ -58,7 +58,7 @@ pub struct Merged {
     pub image: RadianceImage,
     /// The response and how it was found.
     pub recovered: Recovered,
-    /// Neighbouring exposures compared with their times.
+    /// What exposures compared with longer ones say of their times.
     pub pairs: Vec<PairTest>,
     /// Name and time (s) of every frame.
     pub frames: Vec<(String, f64)>,

@@ -8,7 +8,7 @@ use crate::numerics::geometry::Vec3;
 pub struct Scene {
     kind: rig_config::Scene,
     materials: [Material; 2],
-    /// Texture coordinates of a normal are `frame * normal`: the seed turns the pattern on the sphere.
+    /// Where the sphere sits in the stuff it is cut from.
     offset: Vec3,
     seed: u64,
 }
@@ -31,7 +31,6 @@ impl Scene {
             rig_config::Scene::Marble => MARBLE,
             rig_config::Scene::Wood => WOOD,
         };
-        // A shift in texture space by whole lattice cells and a part: another cut through the same kind of stuff.
         let shift = |axis| 16.0 * lattice(seed, [axis, 0, 0]);
         Self { kind, materials, offset: Vec3::new(shift(1), shift(2), shift(3)), seed }
     }
