@@ -1,10 +1,13 @@
-//! One acquisition: stations, brackets, frames. A frame counts once it is shot, verified, on disk and journalled, in this order.
+//! One acquisition: stations, brackets, frames; `hold` has what interrupts them. A frame counts once it is shot, verified, on disk
+//! and journalled, in this order.
+
+mod hold;
 
 use super::bench::Bench;
-use super::book::{Book, Inner};
+use super::book::Book;
 use super::plan::CapturePlan;
 use super::quality::{self, Fingerprint};
-use super::state::{Event, SessionState};
+use super::state::Event;
 use super::worker::Job;
 use crate::devices::arm::ArmError;
 use crate::devices::camera::{CameraError, RawFrame, Shot};
@@ -18,12 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Retakes of a frame before the session is given up.
 const RETAKES: usize = 2;
-/// Recoveries of the arm a session may need, with the wait before each, seconds.
-const RECOVERY_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
-/// Time between two looks at a full disk, seconds.
-const RECHECK_S: f64 = 3.0;
-/// A wait without an end of its own is renewed this often.
-const LONG: Duration = Duration::from_secs(3600);
+/// Wait before a camera is opened anew, seconds.
+const REOPEN_WAIT_S: f64 = 1.0;
 
 /// Why an acquisition ended before its last frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -217,7 +216,7 @@ impl<'a> Acquisition<'a> {
 
     /// After a failed call the driver is opened anew; the reason for the journal is returned.
     fn replace_camera(&mut self, error: &CameraError) -> Result<String, Ended> {
-        self.rest(RECOVERY_WAIT_S[0])?;
+        self.rest(REOPEN_WAIT_S)?;
         Ok(match self.bench.reopen_camera() {
             Ok(()) => error.to_string(),
             Err(again) => format!("{error}; opening it again: {again}"),
@@ -246,54 +245,6 @@ impl<'a> Acquisition<'a> {
         })
     }
 
-    /// Waits for room on the disk; the frame in hand is shot again afterwards.
-    fn suspend(&mut self, error: &StoreError, frame_bytes: u64) -> Result<(), Ended> {
-        let since = Instant::now();
-        let left = self.book.look(self.id, |e| e.ledger.snapshot.frames_planned - e.ledger.snapshot.frames_committed);
-        let rest = frame_bytes.saturating_mul(left.unwrap_or(1) as u64);
-        let reason = format!("{error}; the frames still to come need about {rest} bytes");
-        self.book.note(self.id, "fault.raised", json!({"device": "disk", "reason": reason}));
-        // Refused only when a user ended the session meanwhile: the safe point below sees it.
-        let _ = self.book.happen(self.id, Event::ConditionLost, Some(&reason));
-        let recheck = Duration::from_secs_f64(RECHECK_S / self.speed);
-        while self.state() == SessionState::Suspended && !self.book.lock().shutdown {
-            self.wait(recheck, |state| state != SessionState::Suspended);
-            if self.writer.check_space(frame_bytes).is_ok() {
-                let _ = self.book.happen(self.id, Event::ConditionBack, None);
-            }
-        }
-        self.held += since.elapsed();
-        self.last = None;
-        self.safe_point()?;
-        self.book.note(self.id, "fault.cleared", json!({"device": "disk"}));
-        Ok(())
-    }
-
-    /// Opens the arm anew, as often as a session may; the caller shoots the station again.
-    fn recover(&mut self, mut reason: String) -> Result<(), Ended> {
-        loop {
-            let fields = json!({"device": "arm", "reason": reason, "recovery": self.recoveries + 1});
-            self.book.note(self.id, "fault.raised", fields);
-            let Some(&wait_s) = RECOVERY_WAIT_S.get(self.recoveries) else {
-                return Err(Ended::Failed(format!("the arm failed {} times: {reason}", self.recoveries + 1)));
-            };
-            self.recoveries += 1;
-            self.bench.drop_arm();
-            self.rest(wait_s)?;
-            match self.bench.reopen_arm(&self.book.cancel) {
-                Ok(()) => break,
-                Err(error) => match self.arm_trouble(&error) {
-                    Trouble::Arm(again) => reason = again,
-                    Trouble::End(ended) => return Err(ended),
-                },
-            }
-        }
-        self.rest(self.rig.lamp.soak_s)?;
-        self.last = None;
-        self.book.note(self.id, "fault.cleared", json!({"device": "arm"}));
-        Ok(())
-    }
-
     /// The frame just taken, or the bracket about to go on, stands under the planned light.
     fn check_light(&mut self, angle_deg: f64) -> Result<(), Trouble> {
         match self.bench.proof_of_light(angle_deg) {
@@ -314,64 +265,6 @@ impl<'a> Acquisition<'a> {
         }
     }
 
-    /// Between two frames: here a session pauses and ends. True when it was held up.
-    fn safe_point(&mut self) -> Result<bool, Ended> {
-        let mut held = false;
-        loop {
-            let fault = self.book.look(self.id, |entry| entry.worker_fault.take()).flatten();
-            if let Some(fault) = fault {
-                return Err(Ended::Failed(fault));
-            }
-            if self.book.lock().shutdown {
-                return Err(Ended::ShutDown);
-            }
-            match self.state() {
-                SessionState::Preflight | SessionState::Running => return Ok(held),
-                SessionState::Pausing => {
-                    // Refused when a resume came in between: then there is nothing to wait for.
-                    held |= self.book.happen(self.id, Event::SafePoint, None).is_ok();
-                }
-                SessionState::Paused => {
-                    let since = Instant::now();
-                    self.wait(LONG, |state| state != SessionState::Paused);
-                    self.held += since.elapsed();
-                }
-                _ => return Err(self.asked_end()),
-            }
-        }
-    }
-
-    /// Waits a time of the rig's, unless the session is to end.
-    fn rest(&self, seconds: f64) -> Result<(), Ended> {
-        let ending = |state| matches!(state, SessionState::Stopping | SessionState::Aborting);
-        if self.wait(Duration::from_secs_f64(seconds / self.speed), ending) { Err(self.asked_end()) } else { Ok(()) }
-    }
-
-    /// Waits for a state, or for the daemon's end; false when the time is over first.
-    fn wait(&self, time: Duration, until: impl Fn(SessionState) -> bool) -> bool {
-        let look = |inner: &mut Inner| {
-            let state = inner.entry(self.id).map_or(SessionState::Failed, super::book::Entry::state);
-            (inner.shutdown || until(state)).then_some(())
-        };
-        self.book.wait(time, look).is_some()
-    }
-
-    fn state(&self) -> SessionState {
-        self.book.look(self.id, |entry| entry.state()).unwrap_or(SessionState::Failed)
-    }
-
-    /// Why a cancelled call was cancelled.
-    fn asked_end(&self) -> Ended {
-        if self.book.lock().shutdown {
-            return Ended::ShutDown;
-        }
-        match self.state() {
-            SessionState::Stopping => Ended::Stopped,
-            SessionState::Aborting => Ended::Aborted,
-            state => Ended::Failed(format!("a device call was cancelled while the session was {state:?}")),
-        }
-    }
-
     fn arm_trouble(&self, error: &ArmError) -> Trouble {
         match error {
             ArmError::NoAnswer { .. } | ArmError::Port { .. } | ArmError::Rebooted { .. } => {
@@ -385,17 +278,6 @@ impl<'a> Acquisition<'a> {
         match error {
             ArmError::Cancelled => self.asked_end(),
             other => Ended::Failed(other.to_string()),
-        }
-    }
-
-    /// Journals a record, however long the disk is full.
-    fn record(&mut self, kind: &str, fields: serde_json::Value) -> Result<(), Ended> {
-        loop {
-            match self.book.record(self.id, kind, fields.clone()) {
-                Ok(()) => return Ok(()),
-                Err(error @ StoreError::NoSpace { .. }) => self.suspend(&error, 0)?,
-                Err(error) => return Err(Ended::Failed(error.to_string())),
-            }
         }
     }
 

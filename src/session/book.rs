@@ -1,6 +1,8 @@
 //! The one record of all sessions: journal first, then memory, then everyone who waits is told. Engine, worker and handle share it;
 //! the state in it is also how a user's verb reaches the engine.
 
+mod found;
+
 use super::handle::{EngineError, SessionSnapshot};
 use super::ledger::Ledger;
 use super::plan::CapturePlan;
@@ -8,9 +10,8 @@ use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
 use crate::devices::Cancel;
 use crate::store::journal::Journal;
 use crate::store::manifest::{self, Manifest};
-use crate::store::sessions::{Found, FrameWriter};
+use crate::store::sessions::FrameWriter;
 use crate::store::{Store, StoreError};
-use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -296,55 +297,6 @@ impl Inner {
         }
         let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
         Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
-    }
-
-    /// Takes a session found on disk; true when it had to be marked interrupted.
-    fn take_in(&mut self, found: Found) -> Result<bool, StoreError> {
-        let Found { directory, manifest, journal } = found;
-        let plan = match CapturePlan::deserialize(&manifest.plan) {
-            Ok(plan) => plan,
-            Err(error) => {
-                tracing::warn!(session = manifest.id, %error, "the manifest holds no plan: the session is left alone");
-                return Ok(false);
-            }
-        };
-        let mut ledger = Ledger::new(&manifest, &plan);
-        journal.records.iter().for_each(|record| ledger.apply(record));
-        let id = manifest.id.clone();
-        let unfinished = !ledger.snapshot.state.is_final();
-        let entry =
-            Entry { ledger, manifest, plan, directory, pace: 1.0, worker_fault: None, journal: None, tail: vec![] };
-        self.sessions.insert(id.clone(), entry);
-        if let Some(fault) = journal.fault {
-            self.distrust(&id, &fault);
-        } else if unfinished {
-            self.interrupt(&id)?;
-        }
-        Ok(unfinished)
-    }
-
-    /// A journal that somebody changed: what it says up to there is shown, nothing is added to it.
-    fn distrust(&mut self, id: &str, fault: &str) {
-        tracing::error!(session = id, fault, "the journal is broken");
-        if let Some(entry) = self.sessions.get_mut(id) {
-            let snapshot = &mut entry.ledger.snapshot;
-            snapshot.reason = Some(format!("the journal is broken at {fault}: the records before it are shown"));
-            if !snapshot.state.is_final() {
-                snapshot.state = SessionState::Interrupted;
-            }
-        }
-    }
-
-    fn interrupt(&mut self, id: &str) -> Result<(), StoreError> {
-        if let Some(entry) = self.sessions.get(id) {
-            let removed = self.store.remove_strays(&entry.directory, |name| entry.ledger.has_file(name))?;
-            if !removed.is_empty() {
-                tracing::info!(session = id, ?removed, "unacknowledged files removed");
-            }
-        }
-        // A state that is not final can always be interrupted.
-        let _ = self.happen(id, Event::DaemonEnded, Some("the daemon ended in the middle of the session"));
-        Ok(())
     }
 }
 

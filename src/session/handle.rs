@@ -3,9 +3,9 @@
 use super::book::{Book, Entry, Inner};
 use super::plan::{CapturePlan, PlanError, StartRequest};
 use super::processing::read_json;
+pub use super::refit::FitRequest;
 use super::state::{SessionState, Verb};
 use super::worker::Job;
-use crate::numerics::brdf;
 use crate::store::journal;
 use crate::store::manifest::{Idempotency, Manifest};
 use rig_config::{ArmDriver, CameraDriver, Rig};
@@ -103,20 +103,6 @@ pub enum EngineError {
     /// The engine's thread ended.
     #[error("the engine has ended: restart the daemon")]
     Gone,
-}
-
-/// The body of a refit request; everything left out comes from the rig file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FitRequest {
-    /// Number of materials; null lets left-out lights decide.
-    pub materials: Option<usize>,
-    /// BRDF model name.
-    pub model: Option<String>,
-    /// Objective name.
-    pub objective: Option<String>,
-    /// Indices of lights left out of the fit and used to judge it.
-    pub leave_out: Option<Vec<usize>>,
 }
 
 /// What a start answered: the session, and whether this call made it or an earlier one with the same key.
@@ -256,7 +242,7 @@ impl EngineHandle {
         if !snapshot.state.is_final() {
             return Err(busy());
         }
-        check_fit(request, snapshot.stations)?;
+        request.check(snapshot.stations)?;
         let job = Job::Fit { session: id.to_owned(), request: request.clone(), done: None };
         self.jobs.try_send(job).map_err(|error| match error {
             TrySendError::Full(_) => busy(),
@@ -304,26 +290,4 @@ fn earlier_start(inner: &Inner, now: &Idempotency) -> Result<Option<Started>, En
         return Err(EngineError::KeyReused);
     }
     Ok(Some(Started { snapshot: entry.snapshot(), replayed: true }))
-}
-
-/// What can be known of a fit request before it runs.
-fn check_fit(request: &FitRequest, lights: usize) -> Result<(), PlanError> {
-    let mut reasons = Vec::new();
-    if request.materials == Some(0) {
-        reasons.push("materials: 0: at least 1 is needed, or leave the key out".to_owned());
-    }
-    if let Some(model) = request.model.as_deref().filter(|model| brdf::by_name(model).is_none()) {
-        let known: Vec<_> = brdf::MODELS.iter().map(|m| m.name()).collect();
-        let model: String = model.chars().take(40).collect();
-        reasons.push(format!("model: `{model}` is unknown: take one of {}", known.join(", ")));
-    }
-    let left_out = request.leave_out.as_deref().unwrap_or_default();
-    for (i, &light) in left_out.iter().enumerate() {
-        if light >= lights {
-            reasons.push(format!("leave_out[{i}]: {light}: the session has lights 0 to {}", lights.saturating_sub(1)));
-        } else if left_out.iter().take(i).any(|&other| other == light) {
-            reasons.push(format!("leave_out[{i}]: {light} is named twice: remove one"));
-        }
-    }
-    if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
 }

@@ -9,6 +9,7 @@ mod ledger;
 pub mod plan;
 pub mod processing;
 pub mod quality;
+mod refit;
 pub mod state;
 mod worker;
 
