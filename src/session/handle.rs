@@ -98,7 +98,6 @@ pub enum EngineError {
 #[serde(deny_unknown_fields, default)]
 pub struct FitRequest {
     /// Number of materials; null lets left-out lights decide.
-    #[schema(minimum = 1, maximum = 16)]
     pub materials: Option<usize>,
     /// BRDF model name.
     pub model: Option<String>,

@@ -9,13 +9,10 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields, default)]
 pub struct StartRequest {
     /// A name for the sampled object, for people; at most 200 characters.
-    #[schema(max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$")]
     pub name: Option<String>,
     /// Light stations: arm angles, degrees, in shooting order.
-    #[schema(min_items = 1, max_items = 1000)]
     pub stations_deg: Option<Vec<f64>>,
     /// The bracket as shutter labels (`1/100`, `0.4`, `15`), in shooting order.
-    #[schema(min_items = 1, max_items = 100)]
     pub exposures: Option<Vec<String>>,
 }
 
