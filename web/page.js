@@ -1,7 +1,13 @@
 // The page shows what the daemon says and remembers nothing: every figure comes from a snapshot, an event only says "look again".
 const $ = (id) => document.getElementById(id);
 const FINAL = ["completed", "stopped", "aborted", "halted", "failed", "interrupted"];
-const VERBS = { pause: ["running"], resume: ["pausing", "paused", "suspended"] };
+const SHOOTING = ["preflight", "running", "pausing", "paused", "suspended"];
+const VERBS = {
+  pause: ["running"],
+  resume: ["pausing", "paused", "suspended"],
+  stop: SHOOTING,
+  abort: [...SHOOTING, "fitting", "stopping"],
+};
 const PAGE = 20;
 let chosen = null;      // id of the session shown
 let stream = null;      // its event stream
@@ -83,7 +89,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "frame.committed", "station.developed", "fit.update"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fit.progress", "fit.finished"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;
@@ -112,10 +118,7 @@ async function showSession(id) {
   $("name").textContent = s.name + (s.simulated ? " (simulated)" : "");
   $("state").textContent = s.state;
   $("reason").textContent = s.reason || "";
-  for (const button of $("verbs").children) {
-    const from = VERBS[button.dataset.verb];
-    button.disabled = ended || (from && !from.includes(s.state));
-  }
+  for (const button of $("verbs").children) button.disabled = !VERBS[button.dataset.verb].includes(s.state);
   $("progress").max = s.frames_planned || 1;
   $("progress").value = s.frames_committed;
   const left = s.remaining_s == null ? "" : `, ${clock(s.remaining_s)} left`;
@@ -131,7 +134,7 @@ function showGrid(s, frames) {
     element("i", "", { title: `station ${Math.floor(i / s.exposures) + 1}, exposure ${(i % s.exposures) + 1}` }));
   for (const frame of frames) {
     const cell = cells[frame.station * s.exposures + frame.exposure];
-    if (cell) cell.className = /reject|lost/.test(JSON.stringify(frame.state ?? "")) ? "refused" : "done";
+    if (cell && frame.state !== "superseded") cell.className = "done";
   }
   $("grid").style.gridTemplateColumns = `repeat(${s.exposures}, 1fr)`;
   $("grid").replaceChildren(...cells);

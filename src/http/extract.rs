@@ -3,6 +3,7 @@
 use super::problem::Problem;
 use crate::session::handle::EngineError;
 use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::http::HeaderMap;
 use axum::http::request::Parts;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -95,16 +96,12 @@ pub(super) fn is_uuid(id: &str) -> bool {
 /// A request header as text.
 ///
 /// # Errors
-/// The header is not visible ASCII of 1 to `longest` characters.
-pub(super) fn header<'a>(
-    parts: &'a axum::http::HeaderMap,
-    name: &str,
-    longest: usize,
-) -> Result<Option<&'a str>, Problem> {
-    let Some(value) = parts.get(name) else { return Ok(None) };
+/// The header is not visible ASCII of 1 to `longest` characters; the text says so.
+pub(super) fn header<'a>(headers: &'a HeaderMap, name: &str, longest: usize) -> Result<Option<&'a str>, String> {
+    let Some(value) = headers.get(name) else { return Ok(None) };
     match value.to_str() {
         Ok(text) if (1..=longest).contains(&text.len()) => Ok(Some(text)),
-        _ => Err(Problem::bad_request(format!("header {name}: write 1 to {longest} visible ASCII characters"))),
+        _ => Err(format!("header {name}: write 1 to {longest} visible ASCII characters")),
     }
 }
 

@@ -17,6 +17,7 @@ use crate::session::handle::EngineHandle;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use rig_config::Rig;
+use std::net::IpAddr;
 use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -40,7 +41,7 @@ pub struct HttpState {
 pub enum ServeError {
     /// The listener can be reached from other machines.
     #[error("{0} is no loopback address, and the daemon knows no passwords: listen on 127.0.0.1")]
-    NotLoopback(std::net::IpAddr),
+    NotLoopback(IpAddr),
     /// The listener failed.
     #[error("cannot serve: {0}")]
     Io(#[from] std::io::Error),
@@ -67,13 +68,15 @@ pub fn router(state: HttpState) -> Router {
 /// # Errors
 /// The listener is not on a loopback address, or fails.
 pub async fn serve(listener: tokio::net::TcpListener, state: HttpState) -> Result<(), ServeError> {
-    let ip = listener.local_addr()?.ip();
-    if !ip.is_loopback() {
-        return Err(ServeError::NotLoopback(ip));
-    }
+    only_loopback(listener.local_addr()?.ip())?;
     let shutdown = state.shutdown.clone();
     axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.cancelled_owned()).await?;
     Ok(())
+}
+
+/// The rig file was checked for this, but a listener may come from elsewhere.
+fn only_loopback(ip: IpAddr) -> Result<(), ServeError> {
+    if ip.is_loopback() { Ok(()) } else { Err(ServeError::NotLoopback(ip)) }
 }
 
 /// Asks the engine outside the async threads: its answer may wait for the disk.
@@ -85,5 +88,19 @@ async fn ask<T: Send + 'static>(
     match tokio::task::spawn_blocking(move || question(&engine)).await {
         Ok(answer) => answer.map_err(Problem::from),
         Err(_) => Err(Problem::internal()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_loopback_is_served() {
+        for (ip, served) in
+            [([127, 0, 0, 1], true), ([127, 1, 2, 3], true), ([0, 0, 0, 0], false), ([192, 168, 0, 2], false)]
+        {
+            assert_eq!(only_loopback(IpAddr::from(ip)).is_ok(), served, "{ip:?}");
+        }
     }
 }

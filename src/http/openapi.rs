@@ -8,7 +8,7 @@ use utoipa::OpenApi;
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::response::ResponseBuilder;
-use utoipa::openapi::schema::{ArrayItems, Schema};
+use utoipa::openapi::schema::{Array, ArrayItems, Object, Schema};
 use utoipa::openapi::{self, Ref, RefOr};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -66,27 +66,43 @@ pub(super) fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi 
     }
     if let Some(components) = &mut spec.components {
         for request in ["StartRequest", "FitRequest"] {
-            bound_lists(components.schemas.get_mut(request), rig);
+            bound(components.schemas.get_mut(request), rig);
         }
     }
     spec
 }
 
-/// What the lists of a request may hold on this rig, which types alone do not say.
-fn bound_lists(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
+/// A name that is not blank and holds no control character.
+const NAME: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$";
+
+/// What a request may hold on this rig, which types alone do not say.
+fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     let Some(RefOr::T(Schema::Object(request))) = request else { return };
     let [lower, upper] = rig.arm.travel_deg;
     for (key, property) in &mut request.properties {
-        let RefOr::T(Schema::Array(list)) = property else { continue };
-        list.unique_items = true;
-        let ArrayItems::RefOrSchema(items) = &mut list.items else { continue };
-        let RefOr::T(Schema::Object(item)) = items.as_mut() else { continue };
-        match key.as_str() {
-            "exposures" => item.enum_values = Some(Shutter::labels().map(Into::into).collect()),
-            "stations_deg" => (item.minimum, item.maximum) = (Some(lower.into()), Some(upper.into())),
-            "leave_out" => item.maximum = Some(MAX_STATIONS.into()),
+        match (key.as_str(), property) {
+            ("name", RefOr::T(Schema::Object(text))) => text.pattern = Some(NAME.into()),
+            ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, |angle| {
+                (angle.minimum, angle.maximum) = (Some(lower.into()), Some(upper.into()));
+            }),
+            ("exposures", RefOr::T(Schema::Array(list))) => bound_items(list, |label| {
+                label.enum_values = Some(Shutter::labels().map(Into::into).collect());
+            }),
+            ("leave_out", RefOr::T(Schema::Array(list))) => bound_items(list, |light| {
+                light.maximum = Some(MAX_STATIONS.into());
+            }),
             _ => {}
         }
+    }
+}
+
+/// Forbids repeated items, and lets `to_item` bound each.
+fn bound_items(list: &mut Array, to_item: impl FnOnce(&mut Object)) {
+    list.unique_items = true;
+    if let ArrayItems::RefOrSchema(items) = &mut list.items
+        && let RefOr::T(Schema::Object(item)) = items.as_mut()
+    {
+        to_item(item);
     }
 }
 

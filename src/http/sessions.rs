@@ -48,7 +48,7 @@ pub(super) async fn start(
     headers: HeaderMap,
     Json(request): Json<StartRequest>,
 ) -> Result<Response, Problem> {
-    let key = header(&headers, "idempotency-key", LONGEST_KEY)?.map(str::to_owned);
+    let key = header(&headers, "idempotency-key", LONGEST_KEY).map_err(Problem::bad_request)?.map(str::to_owned);
     if options.dry_run {
         let plan = ask(&state, move |engine| engine.plan(&request)).await?;
         return Ok(axum::Json(plan).into_response());

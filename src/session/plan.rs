@@ -9,7 +9,6 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields, default)]
 pub struct StartRequest {
     /// A name for the sampled object, for people; at most 200 characters.
-    #[schema(max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$")]
     pub name: Option<String>,
     /// Light stations: arm angles, degrees, in shooting order.
     pub stations_deg: Option<Vec<f64>>,
