@@ -70,7 +70,7 @@ impl Drop for Link {
 }
 
 struct Owner {
-    /// None once the port is gone.
+    /// The port, or why it is gone.
     transport: Result<SerialTransport, ArmError>,
     decoder: Decoder,
     session: u32,

@@ -16,7 +16,7 @@ pub fn name(request: &Request) -> &'static str {
     }
 }
 
-/// The device's refusal of `request`, with the latched faults where they are the reason.
+/// The device's refusal of `request`, with what to do about it.
 pub fn refusal(request: &Request, code: ErrorCode) -> ArmError {
     ArmError::Refused { what: name(request), reason: advice(code).to_owned() }
 }
