@@ -15,8 +15,6 @@ pub struct Normal {
 
 /// A least-squares problem.
 pub trait Problem {
-    /// Cost alone.
-    fn cost(&self, x: &DVector<f64>) -> f64;
     /// Cost, gradient and Gauss-Newton matrix.
     fn normal(&self, x: &DVector<f64>) -> Normal;
 }
@@ -68,12 +66,13 @@ pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, st
             return Outcome { x, cost: normal.cost, converged: true };
         }
         let candidate = step(&x, &normal, &free, &scale, lambda, bounds);
-        let cost = candidate.as_ref().map_or(f64::INFINITY, |candidate| problem.cost(candidate));
-        if let Some(candidate) = candidate.filter(|_| cost < normal.cost) {
-            let decrease = (normal.cost - cost) / normal.cost.max(f64::MIN_POSITIVE);
+        // Nearly every step is accepted: evaluating it whole at once saves the pass that only asks for its cost.
+        let evaluated = candidate.map(|candidate| (problem.normal(&candidate), candidate));
+        if let Some((next, candidate)) = evaluated.filter(|(next, _)| next.cost < normal.cost) {
+            let decrease = (normal.cost - next.cost) / normal.cost.max(f64::MIN_POSITIVE);
             small_steps = if decrease < stop.relative_decrease { small_steps + 1 } else { 0 };
             x = candidate;
-            normal = problem.normal(&x);
+            normal = next;
             lambda = (lambda * 0.1_f64).max(1e-15);
             if small_steps == 2 {
                 return Outcome { x, cost: normal.cost, converged: true };
@@ -130,11 +129,6 @@ mod tests {
     struct Rosenbrock;
 
     impl Problem for Rosenbrock {
-        fn cost(&self, x: &DVector<f64>) -> f64 {
-            let r = [10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]];
-            r[0] * r[0] + r[1] * r[1]
-        }
-
         fn normal(&self, x: &DVector<f64>) -> Normal {
             let r = DVector::from_vec(vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]]);
             let j = DMatrix::from_row_slice(2, 2, &[-20.0 * x[0], 10.0, -1.0, 0.0]);

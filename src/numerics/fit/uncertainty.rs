@@ -8,7 +8,7 @@ use super::objective::Objective;
 use super::observations::Observations;
 use super::{BETA_RANGE, CHUNK, MAX_MATERIALS, Mixture};
 use crate::numerics::brdf::Lobe;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 /// Standard errors of everything that was fitted.
@@ -136,32 +136,11 @@ fn eliminate(
                 (basis.lobe, basis.slope) = lobe.value_and_slope(&sample.angles, material.beta);
             }
             for c in 0..3 {
-                let mut by_alpha: Vec<(usize, f64)> = Vec::with_capacity(PER_CHANNEL * count);
-                let mut by_gamma = DVector::zeros(free.len());
-                let mut model = 0.0;
-                for (m, material) in mixture.materials.iter().enumerate() {
-                    let d = derivatives(material, &bases[m], sample.irradiance[c], c);
-                    let unit = d[0] * material.rho_d[c] + d[1] * material.rho_s[c];
-                    model += gamma[m] * unit;
-                    if let Some(k) = free.iter().position(|&f| f == m) {
-                        by_gamma[k] = unit;
-                    }
-                    for (index, value) in layout.of_channel(m, c).into_iter().zip(d) {
-                        by_alpha.extend(index.map(|i| (i, gamma[m] * value)));
-                    }
-                }
-                let residual = sample.radiance[c] - model;
+                let row = Row::new(layout, mixture, &bases, gamma, sample.irradiance[c], c);
+                let residual = sample.radiance[c] - row.model;
                 partial.cost += w[c] * residual * residual;
                 partial.channels += 1;
-                for &(i, a) in &by_alpha {
-                    for &(j, b) in &by_alpha {
-                        partial.schur[(i, j)] += w[c] * a * b;
-                    }
-                    for k in 0..free.len() {
-                        coupling[(i, k)] += w[c] * a * by_gamma[k];
-                    }
-                }
-                block += (&by_gamma * by_gamma.transpose()) * w[c];
+                row.add(w[c], &free, &mut partial.schur, &mut coupling, &mut block);
             }
         }
         partial.free_weights += free.len();
@@ -172,6 +151,59 @@ fn eliminate(
         );
     }
     partial
+}
+
+/// Derivatives of one channel of one sample.
+struct Row {
+    model: f64,
+    /// Unknown and derivative by it.
+    alpha: [(usize, f64); PER_CHANNEL * MAX_MATERIALS],
+    alphas: usize,
+    /// Derivative by the weight of each material.
+    gamma: [f64; MAX_MATERIALS],
+}
+
+impl Row {
+    fn new(layout: Layout, mixture: &Mixture, bases: &[Basis], gamma: &[f64], irradiance: f64, channel: usize) -> Self {
+        let mut row =
+            Self { model: 0.0, alpha: [(0, 0.0); PER_CHANNEL * MAX_MATERIALS], alphas: 0, gamma: [0.0; MAX_MATERIALS] };
+        for (m, material) in mixture.materials.iter().enumerate() {
+            let d = derivatives(material, &bases[m], irradiance, channel);
+            row.gamma[m] = d[0] * material.rho_d[channel] + d[1] * material.rho_s[channel];
+            row.model += gamma[m] * row.gamma[m];
+            for (index, value) in layout.of_channel(m, channel).into_iter().zip(d) {
+                if let Some(index) = index {
+                    row.alpha[row.alphas] = (index, gamma[m] * value);
+                    row.alphas += 1;
+                }
+            }
+        }
+        row
+    }
+
+    fn add(
+        &self,
+        w: f64,
+        free: &[usize],
+        schur: &mut DMatrix<f64>,
+        coupling: &mut DMatrix<f64>,
+        block: &mut DMatrix<f64>,
+    ) {
+        let alpha = &self.alpha[..self.alphas];
+        for &(i, a) in alpha {
+            for &(j, b) in alpha {
+                schur[(i, j)] += w * a * b;
+            }
+            for (k, &m) in free.iter().enumerate() {
+                coupling[(i, k)] += w * a * self.gamma[m];
+            }
+        }
+        for (k, &m) in free.iter().enumerate() {
+            for (l, &o) in free.iter().enumerate() {
+                block[(k, l)] += w * self.gamma[m] * self.gamma[o];
+            }
+        }
+    }
 }
 
 /// Inverse of a small symmetric block; directions the samples do not see contribute nothing.

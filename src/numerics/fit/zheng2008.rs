@@ -54,8 +54,8 @@ pub struct Solution {
     pub termination: Termination,
 }
 
-/// Stop rule of the BRDF half-step.
-pub const ALPHA_STOP: Stop = Stop { relative_decrease: 1e-9, iterations: 60 };
+/// Stop rule of the BRDF half-step: finer than what a round gains, or the rounds would inherit its error.
+pub const ALPHA_STOP: Stop = Stop { relative_decrease: 1e-7, iterations: 60 };
 
 /// One full alternation: weights (Eq. 10), then BRDF parameters; returns the cost after it.
 pub fn alternate(
