@@ -1,7 +1,7 @@
 //! `rigd fit`: fits a dataset directory, no daemon needed.
 
 use super::error::bad_input;
-use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, fit};
+use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, cpu_seconds, fit};
 use crate::pipeline::report::{Identified, Parameter};
 use crate::store::{dataset, result};
 use std::io::{IsTerminal, Write};
@@ -59,9 +59,9 @@ fn parse_materials(text: &str) -> Result<Materials, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let begin = Instant::now();
+    let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
     let data = dataset::read(&args.dataset).map_err(bad_input)?;
-    let load = begin.elapsed();
+    let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
     let options = FitOptions {
         materials: args.materials.0,
         model: args.model.clone(),
@@ -85,9 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         FitError::Input(_) => bad_input(format!("{}: {error}", args.dataset.display())),
         FitError::Cancelled | FitError::Threads(_) => error.into(),
     })?;
-    fitted.report.seconds.load = load.as_secs_f64();
-    fitted.report.seconds.total += load.as_secs_f64();
-    fitted.report.cpu_seconds = cpu_time().as_secs_f64();
+    fitted.report.add_load(load.as_secs_f64(), cpu_load);
     result::write(&args.out, &fitted)?;
     let mut out = std::io::stdout().lock();
     if args.json {
@@ -106,11 +104,6 @@ fn progress_bar(quiet: bool) -> indicatif::ProgressBar {
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(100));
     bar
-}
-
-/// Processor time of this process so far.
-pub fn cpu_time() -> Duration {
-    nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID).map_or(Duration::ZERO, Duration::from)
 }
 
 fn percent(error: Option<f64>) -> String {

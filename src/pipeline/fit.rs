@@ -116,6 +116,12 @@ pub fn fit(dataset: &Dataset, options: &FitOptions, progress: OnProgress<'_>) ->
     pool.install(|| run(dataset, options, &chosen, progress))
 }
 
+/// Processor time of this process so far, seconds.
+pub fn cpu_seconds() -> f64 {
+    let clock = nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID);
+    clock.map_or(0.0, |time| std::time::Duration::from(time).as_secs_f64())
+}
+
 fn one_of(what: &str, name: &str, known: &[&str]) -> FitError {
     FitError::Input(format!("unknown {what} \"{name}\": choose one of {}", known.join(", ")))
 }
@@ -169,6 +175,7 @@ fn run(
     progress: OnProgress<'_>,
 ) -> Result<FitResult, FitError> {
     let begin = Instant::now();
+    let cpu_begin = cpu_seconds();
     let all = observe(dataset, chosen);
     let used_lights = dataset.geometry.lights.len() - options.leave_out.len();
     let (observations, kept) =
@@ -225,7 +232,7 @@ fn run(
             fit: (done - initialised).as_secs_f64(),
             total: (done - begin).as_secs_f64(),
         },
-        cpu_seconds: 0.0,
+        cpu_seconds: cpu_seconds() - cpu_begin,
         cosine_cutoff: chosen.cutoff,
         unusable_samples: observations.unusable,
         candidates: candidates.clone(),
@@ -240,7 +247,7 @@ fn run(
         provenance: Provenance {
             software: concat!("rigd ", env!("CARGO_PKG_VERSION")).to_owned(),
             images: dataset.geometry.lights.iter().map(|l| l.name.clone()).collect(),
-            simulated: false,
+            simulated: None,
         },
     };
     let size = material.size;

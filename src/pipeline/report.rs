@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// Seconds of wall time a stage took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
-    /// Reading the dataset; filled by who read it.
+    /// Reading the dataset; added by who read it.
     pub load: f64,
     /// Gathering samples.
     pub observe: f64,
@@ -77,7 +77,7 @@ pub struct Report {
     pub termination: String,
     /// Wall time.
     pub seconds: Seconds,
-    /// Processor time of the process while loading and fitting, seconds.
+    /// Processor time of the whole process while loading and fitting, seconds.
     pub cpu_seconds: f64,
     /// Least cosine of incidence and of reflection of a used sample.
     pub cosine_cutoff: f64,
@@ -87,6 +87,15 @@ pub struct Report {
     pub candidates: Vec<CandidateReport>,
     /// What a reader must know before trusting the figures.
     pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// Adds the time that reading the dataset took: wall time and processor time, seconds.
+    pub fn add_load(&mut self, wall_s: f64, cpu_s: f64) {
+        self.seconds.load += wall_s;
+        self.seconds.total += wall_s;
+        self.cpu_seconds += cpu_s;
+    }
 }
 
 /// How well the data determine a parameter.
@@ -134,8 +143,8 @@ pub struct Provenance {
     pub software: String,
     /// Images the material was fitted to.
     pub images: Vec<String>,
-    /// True when the frames came from a simulated rig.
-    pub simulated: bool,
+    /// True when the frames came from a simulated rig; null when the dataset does not say.
+    pub simulated: Option<bool>,
 }
 
 /// `material.json`.

@@ -6,11 +6,12 @@ use super::ledger::FrameRecord;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::Response;
 use crate::pipeline::develop::{BracketFrame, develop};
-use crate::pipeline::fit::{FitOptions, OnProgress, fit};
+use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
 use crate::store;
 use rig_config::Rig;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// A complete bracket of a session.
 #[derive(Clone, Debug)]
@@ -107,8 +108,12 @@ impl Processing for PipelineProcessing {
             store::dataset::write_for_session(&job.directory, &self.rig, &job.light_positions_mm)
                 .map_err(|e| e.to_string())?;
         }
+        let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
         let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
-        let result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
+        let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
+        let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
+        result.report.add_load(load.as_secs_f64(), cpu_load);
+        result.material.provenance.simulated = Some(self.rig.simulation.is_some());
         let unfinished = job.directory.join(".result");
         clear(&unfinished)?;
         store::result::write(&unfinished, &result).map_err(|e| e.to_string())?;
