@@ -27,8 +27,10 @@ impl Fingerprint {
         let exif = read_exif(&frame.bytes).ok();
         let blake3 = blake3::hash(&frame.bytes).to_hex().to_string();
         let text = |tag| exif.as_ref().and_then(|e| text(e, tag));
-        let taken = text(Tag::DateTimeOriginal)
-            .map(|seconds| format!("{seconds}.{}", text(Tag::SubSecTimeOriginal).unwrap_or_default()));
+        let taken = text(Tag::DateTimeOriginal).map(|seconds| match text(Tag::SubSecTimeOriginal) {
+            Some(fraction) => format!("{seconds}.{fraction}"),
+            None => seconds,
+        });
         let number = text(Tag::ImageUniqueID).or_else(|| text(IMAGE_NUMBER));
         Self { blake3, taken, number }
     }
