@@ -110,13 +110,16 @@ fn percent(error: Option<f64>) -> String {
     error.map_or("none".to_owned(), |e| format!("{:.2} %", 100.0 * e))
 }
 
-/// A parameter as people read it; an unidentified one is not shown as if measured.
+/// A parameter as people read it, to two digits of its standard error; an unidentified one is not shown as if measured.
 pub fn show(parameter: &Parameter) -> String {
+    let weak = if parameter.identified == Identified::Weak { " (weak)" } else { "" };
     match (parameter.identified, parameter.standard_error) {
         (Identified::Unidentified, _) => "not determined".to_owned(),
-        (_, None) => format!("{:.4} (weak)", parameter.value),
-        (Identified::Weak, Some(sigma)) => format!("{:.4} ± {sigma:.4} (weak)", parameter.value),
-        (Identified::Identified, Some(sigma)) => format!("{:.4} ± {sigma:.4}", parameter.value),
+        (_, None) => format!("{:.4}{weak}", parameter.value),
+        (_, Some(sigma)) => {
+            let digits = if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(2.0, 9.0) as usize } else { 4 };
+            format!("{:.digits$} ± {sigma:.digits$}{weak}", parameter.value)
+        }
     }
 }
 

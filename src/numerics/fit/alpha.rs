@@ -68,9 +68,9 @@ impl Layout {
             .collect()
     }
 
-    /// Non-negative albedos, beta in [`BETA_RANGE`], steps of ln(beta) of at most 0.7. Specular albedos are capped at one
-    /// times the largest diffuse-plus-specular scale of the start, without which a needle lobe can swallow the fit.
-    fn bounds(&self, start: &[Material]) -> Bounds {
+    /// Non-negative albedos, beta in [`BETA_RANGE`], steps of ln(beta) of at most 0.7; specular albedos have a cap
+    /// ([`specular_cap`]), without which a needle lobe can swallow the fit.
+    pub(crate) fn bounds(&self, start: &[Material]) -> Bounds {
         let n = self.unknowns();
         let mut bounds = Bounds {
             lower: DVector::zeros(n),

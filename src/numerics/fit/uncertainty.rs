@@ -6,7 +6,7 @@
 use super::alpha::{Basis, Layout, PER_CHANNEL, derivatives};
 use super::objective::Objective;
 use super::observations::Observations;
-use super::{BETA_RANGE, CHUNK, MAX_MATERIALS, Mixture};
+use super::{CHUNK, MAX_MATERIALS, Mixture};
 use crate::numerics::brdf::Lobe;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -81,16 +81,9 @@ fn pinned_points(mixture: &Mixture) -> Vec<usize> {
 /// True for unknowns that stand at a bound: they did not move with the data, so they have no standard error.
 fn at_bound(layout: Layout, mixture: &Mixture) -> Vec<bool> {
     let x = layout.pack(&mixture.materials);
-    (0..x.len())
-        .map(|i| {
-            if layout.per_material == 7 && i % 7 == 6 {
-                let beta = x[i].exp();
-                beta <= BETA_RANGE[0] * 1.0001 || beta >= BETA_RANGE[1] * 0.9999
-            } else {
-                x[i] <= 0.0
-            }
-        })
-        .collect()
+    let bounds = layout.bounds(&mixture.materials);
+    let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b.abs();
+    (0..x.len()).map(|i| near(x[i], bounds.lower[i]) || near(x[i], bounds.upper[i])).collect()
 }
 
 /// Square roots of the diagonal of the inverse, over the unknowns not at a bound, in units of each unknown's own scale.

@@ -117,10 +117,10 @@ mod tests {
     /// From the paper's start, noise-free data of two materials lead back to the materials that made them.
     #[test]
     fn recovers_a_known_mixture() {
-        let (observations, mut truth) = synthetic(600, 2, 11);
+        let (observations, mut truth) = synthetic(250, 2, 11);
         gauge::normalise(&mut truth);
         let start = initialise(&Ward, &observations, 2);
-        let options = Options { iterations: 2000, relative_decrease: 1e-9, ..Options::new(Objective::Relative) };
+        let options = Options { iterations: 1000, relative_decrease: 1e-8, ..Options::new(Objective::Relative) };
         let solution = solve(&Ward, &observations, start, options, &mut |_, _| ControlFlow::Continue(()));
         for (found, known) in solution.mixture.materials.iter().zip(&truth.materials) {
             assert!((found.beta / known.beta - 1.0).abs() < 0.02, "{found:?} instead of {known:?}");
