@@ -37,9 +37,14 @@ enum Simulate {
 fn main() -> ExitCode {
     let filter = tracing_subscriber::EnvFilter::try_from_env("RIGD_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).init();
+    tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_env_filter(filter)
+        // A closed stderr must not become a panic of whoever logs.
+        .log_internal_errors(false)
+        .init();
     error::exit_code(match Cli::parse().command {
-        Command::Session(args) => return session::run(&args),
+        Command::Session(args) => session::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Fit(args) => fit::run(&args),

@@ -52,22 +52,28 @@ impl Rig {
     /// # Errors
     /// The file cannot be read, is no UTF-8 or TOML, or describes no possible rig; all reasons at once.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
+        Self::from_toml(&Self::read_text(path)?, &path.display().to_string())
+    }
+
+    /// The text of a rig file, not yet checked.
+    ///
+    /// # Errors
+    /// The file cannot be read, is too large, or no UTF-8.
+    pub fn read_text(path: &Path) -> Result<String, ReadError> {
         let origin = path.display().to_string();
         let refuse =
             |what: String| ReadError { origin: origin.clone(), reasons: vec![Reason { key: String::new(), what }] };
         let file = std::fs::File::open(path)
-            .map_err(|e| refuse(format!("cannot be opened ({e}): give the path of a rig file with --config")))?;
+            .map_err(|e| refuse(format!("cannot be opened ({e}): give the path of a rig file")))?;
         let mut bytes = Vec::new();
         file.take(LARGEST_FILE + 1)
             .read_to_end(&mut bytes)
-            .map_err(|e| refuse(format!("cannot be read ({e}): give the path of a rig file with --config")))?;
+            .map_err(|e| refuse(format!("cannot be read ({e}): give the path of a rig file")))?;
         if bytes.len() as u64 > LARGEST_FILE {
             return Err(refuse(format!("is larger than {LARGEST_FILE} bytes: this is no rig file")));
         }
-        let text = String::from_utf8(bytes).map_err(|e| {
-            refuse(format!("is no UTF-8 text at byte {}: save it as UTF-8", e.utf8_error().valid_up_to()))
-        })?;
-        Self::from_toml(&text, &origin)
+        String::from_utf8(bytes)
+            .map_err(|e| refuse(format!("is no UTF-8 text at byte {}: save it as UTF-8", e.utf8_error().valid_up_to())))
     }
 
     /// Checks the text of a rig file; `origin` names it in the error.

@@ -3,13 +3,15 @@
 mod truth;
 
 use super::daemon::Daemon;
+use super::error::print_line;
 use super::serve::runtime;
-use super::session::{Client, watch};
+use super::session::{Client, how_it_ended, watch};
 use crate::session::plan::StartRequest;
 use crate::session::state::SessionState;
 use crate::store::result;
 use anyhow::{Context, bail};
 use rig_config::{Rig, Scene};
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::time::Instant;
 use tokio::signal::unix::{SignalKind, signal};
@@ -32,9 +34,9 @@ pub struct Args {
 /// A simulated ball.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Ball {
-    /// Marble: veins, sharp lobes.
+    /// Veins, sharp lobes.
     Marble,
-    /// Wood: stripes, soft lobes.
+    /// Stripes, soft lobes.
     Wood,
 }
 
@@ -86,9 +88,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 break;
             }
         }
-        println!("{:.0} s in all", begin.elapsed().as_secs_f64());
+        say(format!("{:.0} s in all", begin.elapsed().as_secs_f64()));
         if args.keep && verdicts.iter().all(Result::is_ok) {
-            println!("the daemons keep running; Ctrl-C ends them");
+            say("the daemons keep running; Ctrl-C ends them");
             interrupt.recv().await;
         }
         for daemon in daemons {
@@ -100,6 +102,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         Ok(())
     })
+}
+
+/// A line for whoever reads along; the demo goes on, and cleans up, without a reader.
+fn say(line: impl Display) {
+    let _ = print_line(line);
 }
 
 /// The shipped simulated rig with this ball, on a free port, with its sessions under `--data`.
@@ -121,17 +128,16 @@ fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<Verdict> {
     let client = Client::new(url)?;
     let request = StartRequest { name: Some(format!("simulated {} ball", ball.name())), ..StartRequest::default() };
     let started = client.start(&request)?;
-    println!("{} ball: {} frames, session {} at {url}", ball.name(), started.frames_planned, started.id);
+    say(format!("{} ball: {} frames, session {} at {url}", ball.name(), started.frames_planned, started.id));
     let ended = watch(url, &started.id)?;
     if ended.state != SessionState::Completed {
-        bail!("the session ended {:?}: {}", ended.state, ended.reason.unwrap_or_default());
+        bail!("session {} {}", started.id, how_it_ended(&ended));
     }
     let directory = rig.storage.data.join("sessions").join(&started.id).join("result");
     let stored = result::read_material(&directory)?;
     let error = ended.mean_relative_error.context("the session has no fit")?;
     let verdict = compare(rig, &stored, error, ball.papers_error())?;
-    verdict.print(&mut std::io::stdout().lock())?;
-    println!("result in {}", directory.display());
-    println!("web page  {url}/");
+    let _ = verdict.print(&mut std::io::stdout().lock());
+    say(format!("result in {}\nweb page  {url}/", directory.display()));
     Ok(verdict)
 }

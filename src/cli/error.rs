@@ -1,5 +1,11 @@
-//! Exit statuses (CONTRACT.md): 0 done, 1 the work failed, 2 wrong usage or bad input.
+//! Exit statuses (CONTRACT.md): 0 done, 1 the work failed, 2 wrong usage or bad input. And lines for people.
 
+use super::merge::MergeInputError;
+use super::session::ClientError;
+use rig_config::ReadError;
+use std::error::Error;
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Bad input or wrong usage: what, which file or key, what to do.
@@ -15,12 +21,75 @@ pub fn bad_input(error: impl ToString) -> anyhow::Error {
 /// Prints a failure and gives the exit status it stands for. A closed pipe downstream is no failure.
 pub fn exit_code(outcome: anyhow::Result<()>) -> ExitCode {
     let Err(error) = outcome else { return ExitCode::SUCCESS };
-    let broken_pipe = |cause: &(dyn std::error::Error + 'static)| {
-        cause.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
-    };
-    if error.chain().any(broken_pipe) {
-        return ExitCode::SUCCESS;
+    let status = status(&error);
+    if status != 0 {
+        // Nothing can be done about a closed stderr.
+        let _ = writeln!(io::stderr(), "error: {error:#}");
     }
-    eprintln!("error: {error:#}");
-    if error.chain().any(|cause| cause.is::<BadInput>()) { ExitCode::from(2) } else { ExitCode::from(1) }
+    ExitCode::from(status)
+}
+
+/// Exit status of a command that ends with this error.
+fn status(error: &anyhow::Error) -> u8 {
+    if error.chain().any(is_closed_pipe) {
+        0
+    } else if error.chain().any(is_bad_input) {
+        2
+    } else {
+        1
+    }
+}
+
+/// True when whoever read our output has seen enough (`| head`).
+fn is_closed_pipe(cause: &(dyn Error + 'static)) -> bool {
+    cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
+}
+
+fn is_bad_input(cause: &(dyn Error + 'static)) -> bool {
+    cause.is::<BadInput>()
+        || cause.is::<MergeInputError>()
+        || cause.is::<ReadError>()
+        || cause.downcast_ref::<ClientError>().is_some_and(ClientError::is_bad_input)
+}
+
+/// Prints a line at once.
+///
+/// # Errors
+/// stdout is closed or full.
+pub fn print_line(line: impl Display) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}")?;
+    out.flush()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::cli::merge::merge_folder;
+    use anyhow::Context;
+    use std::path::Path;
+
+    #[test]
+    fn bad_input_of_every_kind_gives_2_also_below_a_context() {
+        let missing = Path::new("/nonexistent");
+        let all: [anyhow::Error; 4] = [
+            bad_input("x"),
+            merge_folder(missing).map(|_| ()).unwrap_err().into(),
+            rig_config::Rig::read(missing).unwrap_err().into(),
+            ClientError::Usage("x".into()).into(),
+        ];
+        for error in all {
+            assert_eq!(status(&error), 2, "{error}");
+            assert_eq!(status(&error.context("at the first step")), 2);
+        }
+    }
+
+    #[test]
+    fn a_closed_pipe_is_no_failure_and_other_trouble_is() {
+        let io = |kind| io::Error::from(kind);
+        assert_eq!(status(&io(ErrorKind::BrokenPipe).into()), 0);
+        assert_eq!(status(&Err::<(), _>(io(ErrorKind::BrokenPipe)).context("list").unwrap_err()), 0);
+        assert_eq!(status(&io(ErrorKind::NotFound).into()), 1);
+    }
 }

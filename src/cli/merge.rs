@@ -1,5 +1,6 @@
 //! `rigd merge`: response and HDR merge of a folder of frames.
 
+use super::error::print_line;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::bracket::{PairTest, Verdict};
 use crate::numerics::radiometry::merge::merge;
@@ -11,7 +12,7 @@ use crate::store::exr::write_radiance;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Merges the frames of a folder to linear radiance.
+/// Merge the frames of a folder to linear radiance: response and HDR.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// Folder of JPEG, PNG or BMP frames of one bracket, with exposures.toml or EXIF exposure times.
@@ -47,9 +48,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         ("radianceUnit", "level 128 is reached after 1 / radiance seconds".to_owned()),
     ];
     write_radiance(&out, &merged.image, (0, 0), (width, height), &attributes)?;
-    print!("{}", merged.summary());
-    println!("wrote {}", out.display());
-    Ok(())
+    Ok(print_line(format!("{}wrote {}", merged.summary(), out.display()))?)
 }
 
 /// A merged folder.

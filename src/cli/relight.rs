@@ -1,6 +1,6 @@
 //! `rigd relight`: the radiance images a fitted material sends under the lights of a dataset.
 
-use super::error::bad_input;
+use super::error::{bad_input, print_line};
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::relight::relight;
@@ -53,6 +53,5 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let about = [("predicted", format!("light {index} ({}) of the dataset", light.name))];
         exr::write_radiance(&path, &image, (0, 0), (geometry.width, geometry.height), &about)?;
     }
-    println!("{} images in {}", geometry.lights.len(), args.out.display());
-    Ok(())
+    Ok(print_line(format!("{} images in {}", geometry.lights.len(), args.out.display()))?)
 }

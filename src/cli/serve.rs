@@ -1,7 +1,6 @@
 //! `rigd serve`: the daemon.
 
 use super::daemon::Daemon;
-use super::error::bad_input;
 use anyhow::Context;
 use rig_config::Rig;
 use std::io::Write;
@@ -24,9 +23,9 @@ pub struct Args {
 }
 
 /// Reads a rig file and its text.
-pub fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
-    let text = std::fs::read_to_string(path).map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
-    let rig = Rig::from_toml(&text, &path.display().to_string()).map_err(bad_input)?;
+fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
+    let text = Rig::read_text(path)?;
+    let rig = Rig::from_toml(&text, &path.display().to_string())?;
     Ok((rig, text))
 }
 

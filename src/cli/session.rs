@@ -5,13 +5,13 @@ mod watch;
 pub use client::{Client, ClientError};
 pub use watch::watch;
 
+use super::error::print_line;
 use crate::session::handle::SessionSnapshot;
 use crate::session::plan::StartRequest;
 use crate::session::state::{SessionState, Verb};
+use anyhow::bail;
 use clap::{Args, Subcommand};
 use serde::Serialize;
-use std::io::{ErrorKind, Write};
-use std::process::ExitCode;
 
 /// Start, follow and steer acquisitions of a running daemon.
 #[derive(Args, Debug)]
@@ -53,20 +53,11 @@ enum SessionCommand {
     Abort { id: String },
 }
 
-/// Runs the command. Exit status: 0 done, 1 the work failed, 2 wrong usage or bad input (one message on stderr).
-pub fn run(args: &SessionArgs) -> ExitCode {
-    match act(args) {
-        Ok(code) => code,
-        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            // Nothing can be done about a closed stderr.
-            let _ = writeln!(std::io::stderr(), "rigd session: {error:#}");
-            ExitCode::from(error.downcast_ref::<ClientError>().map_or(1, ClientError::exit_status))
-        }
-    }
-}
-
-fn act(args: &SessionArgs) -> anyhow::Result<ExitCode> {
+/// Runs the command; fails when a followed session ends in another way than `completed` or `stopped`.
+///
+/// # Errors
+/// No daemon, a refusal, a session that ended badly, or a stdout that takes nothing.
+pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
     let client = Client::new(&args.url)?;
     match &args.command {
         SessionCommand::Start { name, dry_run, watch } => {
@@ -75,15 +66,10 @@ fn act(args: &SessionArgs) -> anyhow::Result<ExitCode> {
                 return print_json(&client.plan(&request)?);
             }
             let started = client.start(&request)?;
-            print(&started.id)?;
-            if *watch { follow(&args.url, &started.id) } else { Ok(ExitCode::SUCCESS) }
+            print_line(&started.id)?;
+            if *watch { follow(&args.url, &started.id) } else { Ok(()) }
         }
-        SessionCommand::List => {
-            for session in client.list()? {
-                print(&line(&session))?;
-            }
-            Ok(ExitCode::SUCCESS)
-        }
+        SessionCommand::List => client.list()?.iter().try_for_each(|session| Ok(print_line(line(session))?)),
         SessionCommand::Show { id } => print_json(&client.session(id)?),
         SessionCommand::Watch { id } => follow(&args.url, id),
         SessionCommand::Pause { id } => command(&client, id, Verb::Pause),
@@ -93,18 +79,23 @@ fn act(args: &SessionArgs) -> anyhow::Result<ExitCode> {
     }
 }
 
-fn command(client: &Client, id: &str, verb: Verb) -> anyhow::Result<ExitCode> {
-    print(&line(&client.command(id, verb)?))?;
-    Ok(ExitCode::SUCCESS)
+fn command(client: &Client, id: &str, verb: Verb) -> anyhow::Result<()> {
+    Ok(print_line(line(&client.command(id, verb)?))?)
 }
 
-fn follow(url: &str, id: &str) -> anyhow::Result<ExitCode> {
+fn follow(url: &str, id: &str) -> anyhow::Result<()> {
     let ended = watch(url, id)?;
-    print(&line(&ended))?;
-    Ok(ExitCode::from(match ended.state {
-        SessionState::Completed | SessionState::Stopped => 0,
-        _ => 1,
-    }))
+    print_line(line(&ended))?;
+    if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
+        bail!("session {id} {}", how_it_ended(&ended));
+    }
+    Ok(())
+}
+
+/// `is failed: no answer from the camera`, `is aborted`.
+pub(super) fn how_it_ended(s: &SessionSnapshot) -> String {
+    let reason = s.reason.as_ref().map(|reason| format!(": {reason}"));
+    format!("is {}{}", s.state, reason.unwrap_or_default())
 }
 
 /// A session in one line.
@@ -115,7 +106,7 @@ fn line(s: &SessionSnapshot) -> String {
         "{}  {}  {}  {}/{} frames  {}{}{}",
         s.id,
         s.started,
-        state_name(s.state),
+        s.state,
         s.frames_committed,
         s.frames_planned,
         s.name,
@@ -124,42 +115,6 @@ fn line(s: &SessionSnapshot) -> String {
     )
 }
 
-/// A state as it is written on the wire.
-fn state_name(state: SessionState) -> String {
-    format!("{state:?}").to_lowercase()
-}
-
-fn print_json(value: &impl Serialize) -> anyhow::Result<ExitCode> {
-    print(&serde_json::to_string_pretty(value)?)?;
-    Ok(ExitCode::SUCCESS)
-}
-
-fn print(text: &str) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "{text}")?;
-    out.flush()
-}
-
-/// True when whoever read our output has seen enough (`| head`).
-fn is_closed_pipe(error: &anyhow::Error) -> bool {
-    error.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == ErrorKind::BrokenPipe)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn states_are_printed_as_on_the_wire() {
-        for state in [SessionState::Preflight, SessionState::Interrupted] {
-            assert_eq!(serde_json::json!(state), state_name(state));
-        }
-    }
-
-    #[test]
-    fn a_closed_pipe_is_no_failure() {
-        let pipe = std::io::Error::from(ErrorKind::BrokenPipe);
-        assert!(is_closed_pipe(&pipe.into()));
-        assert!(!is_closed_pipe(&std::io::Error::from(ErrorKind::NotFound).into()));
-    }
+fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+    Ok(print_line(serde_json::to_string_pretty(value)?)?)
 }

@@ -26,7 +26,7 @@ pub enum ClientError {
     #[error("{}", describe(.0))]
     Refused(Box<Problem>),
     /// No connection, or it broke.
-    #[error("no answer from {base}: {source}; is the daemon running, and --url right?")]
+    #[error("no answer from {base}: is the daemon running, and --url right?")]
     Unreachable {
         /// The daemon's address.
         base: String,
@@ -44,12 +44,12 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Exit status of a command that ends with this error: 2 for bad input, 1 for everything else.
-    pub fn exit_status(&self) -> u8 {
+    /// True when what was asked for is wrong, false when the daemon or the rig cannot do it now.
+    pub fn is_bad_input(&self) -> bool {
         match self {
-            Self::Usage(_) => 2,
-            Self::Refused(problem) if matches!(problem.status, 400 | 404 | 413 | 415 | 421 | 422) => 2,
-            _ => 1,
+            Self::Usage(_) => true,
+            Self::Refused(problem) => matches!(problem.status, 400 | 404 | 413 | 415 | 421 | 422),
+            Self::Unreachable { .. } | Self::Foreign { .. } => false,
         }
     }
 }
@@ -59,19 +59,10 @@ fn describe(problem: &Problem) -> String {
         (Some(reasons), _) if reasons.len() > 1 => format!("{}:\n  {}", problem.title, reasons.join("\n  ")),
         (_, Some(allowed)) if allowed.is_empty() => format!("{}; nothing more can be asked of it", problem.detail),
         (_, Some(allowed)) => {
-            let verbs: Vec<_> = allowed.iter().map(|verb| verb_name(*verb)).collect();
+            let verbs: Vec<_> = allowed.iter().map(Verb::to_string).collect();
             format!("{}; possible now: {}", problem.detail, verbs.join(", "))
         }
         _ => problem.detail.clone(),
-    }
-}
-
-fn verb_name(verb: Verb) -> &'static str {
-    match verb {
-        Verb::Pause => "pause",
-        Verb::Resume => "resume",
-        Verb::Stop => "stop",
-        Verb::Abort => "abort",
     }
 }
 
@@ -164,7 +155,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, ClientError> {
-        let url = self.of_session(id, &format!("/{}", verb_name(verb)))?;
+        let url = self.of_session(id, &format!("/{verb}"))?;
         self.read(self.agent.post(url).send_empty())
     }
 
@@ -232,11 +223,11 @@ mod tests {
     fn addresses_and_ids_that_cannot_be_are_bad_usage() {
         for bad in ["", "127.0.0.1:7040", "ftp://127.0.0.1", "http://", "https://127.0.0.1", "http://a b"] {
             let error = Client::new(bad).err().unwrap();
-            assert_eq!(error.exit_status(), 2, "{bad}");
+            assert!(error.is_bad_input(), "{bad}");
         }
         let client = Client::new("http://127.0.0.1:1/").unwrap();
         for bad in ["", "../rig", "a?b", "a/b", "a#b", "%2e"] {
-            assert_eq!(client.session(bad).unwrap_err().exit_status(), 2, "{bad}");
+            assert!(client.session(bad).unwrap_err().is_bad_input(), "{bad}");
         }
     }
 
@@ -245,7 +236,7 @@ mod tests {
         // A port that was free a moment ago and that nobody listens on.
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let error = Client::new(&format!("http://127.0.0.1:{port}")).unwrap().list().unwrap_err();
-        assert_eq!(error.exit_status(), 1);
+        assert!(!error.is_bad_input());
         assert!(error.to_string().contains("is the daemon running"), "{error}");
     }
 

@@ -1,7 +1,6 @@
 //! Following a session to its end, over lost connections.
 
 use super::client::{Client, ClientError};
-use super::state_name;
 use crate::session::handle::SessionSnapshot;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write;
@@ -75,13 +74,14 @@ impl View {
     fn show(&mut self, s: &SessionSnapshot) {
         let station = format!("station {} of {}", (s.station + 1).min(s.stations), s.stations);
         let reason = s.reason.as_ref().map(|r| format!(" ({r})")).unwrap_or_default();
-        let line = format!("{}{reason}, {station}", state_name(s.state));
+        let line = format!("{}{reason}, {station}", s.state);
         self.bar.set_length(s.frames_planned as u64);
         self.bar.set_position(s.frames_committed as u64);
         self.bar.set_message(format!("{line}{}", left(s.remaining_s)));
         if self.bar.is_hidden() && line != self.last_line {
             // Nothing can be done about a closed stderr.
-            let _ = writeln!(std::io::stderr(), "{}/{} frames  {line}", s.frames_committed, s.frames_planned);
+            let (done, all, left) = (s.frames_committed, s.frames_planned, left(s.remaining_s));
+            let _ = writeln!(std::io::stderr(), "{done}/{all} frames  {line}{left}");
             self.last_line = line;
         }
     }

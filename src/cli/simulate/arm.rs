@@ -1,8 +1,9 @@
 //! `rigd simulate arm`: the simulated arm by itself, for other programs to talk to.
 
+use crate::cli::error::bad_input;
 use crate::sim::arm::{ArmConfig, SimulatedArm};
 use crate::sim::pose::SharedPose;
-use anyhow::{Context, bail};
+use anyhow::Context;
 use std::fs;
 use std::io::{self, Write};
 use std::os::unix::fs::symlink;
@@ -47,7 +48,12 @@ impl<'a> Link<'a> {
     fn make(link: &'a Path, target: &Path) -> anyhow::Result<Self> {
         match fs::symlink_metadata(link) {
             Ok(found) if found.is_symlink() => fs::remove_file(link)?,
-            Ok(_) => bail!("{}: there is a file by that name: remove it or choose another --link", link.display()),
+            Ok(_) => {
+                let name = link.display();
+                return Err(bad_input(format!(
+                    "{name}: there is a file by that name: remove it or choose another --link"
+                )));
+            }
             Err(_) => {}
         }
         symlink(target, link).with_context(|| format!("{}: the link cannot be made", link.display()))?;

@@ -1,10 +1,11 @@
 //! `rigd simulate camera`: the simulated camera by itself, shooting a rig's plan into a folder.
 
+use crate::cli::error::{bad_input, print_line};
 use crate::devices::Cancel;
 use crate::devices::camera::{Camera, Shot};
 use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::{Pose, SharedPose};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use rig_config::{Rig, Scene, Simulation};
 use std::fmt::Write;
@@ -38,7 +39,10 @@ enum SceneName {
 pub fn run(args: Args) -> anyhow::Result<()> {
     let rig = Rig::read(&args.config)?;
     let Some(mut simulation) = rig.simulation.clone() else {
-        bail!("{}: no [simulation] section: add one with scene, seed and speed", args.config.display());
+        return Err(bad_input(format!(
+            "{}: no [simulation] section: add one with scene, seed and speed",
+            args.config.display()
+        )));
     };
     if let Some(scene) = args.scene {
         simulation.scene = match scene {
@@ -47,8 +51,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         };
     }
     let frames = shoot_plan(&rig, simulation, args.station, &args.out)?;
-    println!("{frames} frames in {}", args.out.display());
-    Ok(())
+    Ok(print_line(format!("{frames} frames in {}", args.out.display()))?)
 }
 
 /// Shoots every exposure of the plan's stations, or of `station` alone, into `out`; returns the number of frames.
@@ -56,7 +59,12 @@ pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out
     let plan = &rig.plan;
     let stations = match station {
         Some(n) if n < plan.stations_deg.len() => n..n + 1,
-        Some(n) => bail!("station {n}: the plan has stations 0 to {}", plan.stations_deg.len() - 1),
+        Some(n) => {
+            return Err(bad_input(format!(
+                "--station {n}: the plan has stations 0 to {}",
+                plan.stations_deg.len() - 1
+            )));
+        }
         None => 0..plan.stations_deg.len(),
     };
     make_empty(out)?;
@@ -94,7 +102,7 @@ pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out
 fn make_empty(out: &Path) -> anyhow::Result<()> {
     fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
     if fs::read_dir(out).with_context(|| format!("{}: the folder cannot be read", out.display()))?.next().is_some() {
-        bail!("{}: the folder is not empty: give a new one", out.display());
+        return Err(bad_input(format!("{}: the folder is not empty: give a new one", out.display())));
     }
     Ok(())
 }
