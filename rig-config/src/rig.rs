@@ -93,6 +93,13 @@ impl Lamp {
     }
 }
 
+impl Rig {
+    /// True when arm or camera is simulated: nothing it yields counts as measured.
+    pub fn is_simulated(&self) -> bool {
+        self.arm.driver == ArmDriver::Simulated || self.camera.driver == CameraDriver::Simulated
+    }
+}
+
 /// How the camera is reached.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraDriver {

@@ -27,7 +27,7 @@ pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<Rig
     let reasons = ask(&state, |engine| Ok(engine.readiness())).await?.err().unwrap_or_default();
     Ok(axum::Json(RigStatus {
         name: state.rig.name.clone(),
-        simulated: state.rig.simulation.is_some(),
+        simulated: state.rig.is_simulated(),
         version: env!("CARGO_PKG_VERSION").into(),
         ready: reasons.is_empty(),
         reasons,

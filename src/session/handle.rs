@@ -8,7 +8,7 @@ use super::state::{SessionState, Verb};
 use super::worker::Job;
 use crate::store::journal;
 use crate::store::manifest::{Idempotency, Manifest};
-use rig_config::{ArmDriver, CameraDriver, Rig};
+use rig_config::Rig;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ pub struct SessionSnapshot {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EngineError {
     /// Nothing by that id.
-    #[error("no session {id}: see GET /v1/sessions for those there are")]
+    #[error("no session {id}: see GET /v1/sessions (rigd session list) for those there are")]
     UnknownSession {
         /// The id asked for.
         id: String,
@@ -67,7 +67,7 @@ pub enum EngineError {
     #[error("the plan is refused: {0}")]
     Plan(#[from] PlanError),
     /// A session is running; the rig takes one at a time.
-    #[error("session {running} is {state:?}: stop or abort it, or wait for its end")]
+    #[error("session {running} is {state}: stop or abort it, or wait for its end")]
     Busy {
         /// The session that holds the rig.
         running: String,
@@ -75,7 +75,7 @@ pub enum EngineError {
         state: SessionState,
     },
     /// The verb makes no sense in this state.
-    #[error("cannot {verb:?} a session that is {state:?}")]
+    #[error("cannot {verb} a session that is {state}")]
     WrongState {
         /// What was asked.
         verb: Verb,
@@ -168,7 +168,7 @@ impl EngineHandle {
             name: plan.name.clone(),
             started: jiff::Timestamp::now().to_string(),
             software: super::SOFTWARE.into(),
-            simulated: self.rig.arm.driver == ArmDriver::Simulated || self.rig.camera.driver == CameraDriver::Simulated,
+            simulated: self.rig.is_simulated(),
             plan: serde_json::to_value(plan).map_err(|e| EngineError::Storage(e.to_string()))?,
             rig_file: self.rig_text.to_string(),
             arm: None,

@@ -1,6 +1,7 @@
 //! The state of a session: one enum, one transition function, serialised as it is.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use utoipa::ToSchema;
 
 /// State of a session. `completed`, `stopped`, `aborted`, `halted`, `failed` and `interrupted` are final.
@@ -61,6 +62,20 @@ pub enum Verb {
     Abort,
 }
 
+/// As on the wire.
+impl fmt::Display for SessionState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
+/// As on the wire.
+impl fmt::Display for Verb {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
 impl Verb {
     /// Every verb.
     pub const ALL: [Self; 4] = [Self::Pause, Self::Resume, Self::Stop, Self::Abort];
@@ -91,7 +106,7 @@ pub enum Event {
 
 /// The event makes no sense in the state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{event:?} cannot happen to a session that is {state:?}")]
+#[error("{event:?} cannot happen to a session that is {state}")]
 pub struct WrongEvent {
     /// The session's state.
     pub state: SessionState,
@@ -183,6 +198,14 @@ mod tests {
         for (state, verbs) in table {
             assert_eq!(allowed(state), verbs, "{state:?}");
         }
+    }
+
+    #[test]
+    fn states_and_verbs_are_printed_as_on_the_wire() {
+        for state in STATES {
+            assert_eq!(serde_json::json!(state), state.to_string());
+        }
+        assert_eq!(Verb::ALL.map(|verb| verb.to_string()), ["pause", "resume", "stop", "abort"]);
     }
 
     #[test]

@@ -118,7 +118,7 @@ impl Acquisition<'_> {
         match self.state() {
             SessionState::Stopping => Ended::Stopped,
             SessionState::Aborting => Ended::Aborted,
-            state => Ended::Failed(format!("a device call was cancelled while the session was {state:?}")),
+            state => Ended::Failed(format!("a device call was cancelled while the session was {state}")),
         }
     }
 
