@@ -16,11 +16,15 @@ let lost = false;
 let older = [];         // sessions of later pages, asked for by the user
 let next = null;        // token of the page after those
 
+/// Thrown when the daemon cannot be reached.
+class Unreachable extends Error {}
+
 async function ask(path, options) {
-  const answer = await fetch(path, options);
+  const unreachable = (error) => { throw new Unreachable(error.message); };
+  const answer = await fetch(path, options).catch(unreachable);
+  const body = await answer.json().catch(unreachable);
   heard = Date.now();
   lost = false;
-  const body = await answer.json();
   if (!answer.ok) throw Object.assign(new Error((body.reasons || [body.detail]).join("\n")), { problem: body });
   return body;
 }
@@ -36,7 +40,8 @@ async function attempt(work, refused = say) {
     await work();
   } catch (error) {
     if (error.problem) refused(error.message);
-    else lost = true;
+    else if (error instanceof Unreachable) lost = true;
+    else throw error;
   }
 }
 
@@ -44,7 +49,7 @@ function element(tag, text, properties = {}) {
   return Object.assign(document.createElement(tag), { textContent: text ?? "", ...properties });
 }
 
-const percent = (x) => (x == null ? "none" : `${(100 * x).toFixed(2)} %`);
+const percent = (x) => `${(100 * x).toFixed(2)} %`;
 const clock = (s) => new Date(1000 * Math.round(s)).toISOString().slice(11, 19);
 const when = (text) => (text ? new Date(text).toLocaleString() : "");
 
@@ -89,7 +94,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fit.progress", "fit.finished"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;
@@ -134,66 +139,84 @@ function showGrid(s, frames) {
     element("i", "", { title: `station ${Math.floor(i / s.exposures) + 1}, exposure ${(i % s.exposures) + 1}` }));
   for (const frame of frames) {
     const cell = cells[frame.station * s.exposures + frame.exposure];
-    if (cell && frame.state !== "superseded") cell.className = "done";
+    if (!cell || frame.state === "superseded") continue;
+    cell.className = "done";
+    cell.title += `: ${frame.shutter} s`;
   }
   $("grid").style.gridTemplateColumns = `repeat(${s.exposures}, 1fr)`;
   $("grid").replaceChildren(...cells);
 }
 
 async function showResult(s) {
-  const { material = {}, report = {} } = await ask(`/v1/sessions/${s.id}/material`);
+  const { material, report } = await ask(`/v1/sessions/${s.id}/material`);
   if (s.id !== chosen) return;
   $("result").hidden = false;
   $("result").dataset.of = `${s.id} ${s.last_seq}`;
-  const figures = {
-    "Mean relative error": percent(report.mean_relative_error),
-    "On highlights": percent(report.highlight_relative_error),
-    "On left-out lights": percent(report.left_out_relative_error),
-    Points: report.pixels,
-    Samples: report.samples,
-    Model: report.model,
-    Solver: report.solver,
-    Objective: report.objective,
-    "Ended because": report.termination,
-  };
-  const known = Object.entries(figures).filter(([, value]) => value != null);
-  $("errors").replaceChildren(...known.flatMap(([key, value]) => [element("dt", key), element("dd", value)]));
-  $("warnings").replaceChildren(...(report.warnings || []).map((w) => element("li", w)));
-  $("parameters").replaceChildren(...(material.materials || []).map(parameterTable));
+  showErrors(report);
+  $("warnings").replaceChildren(...report.warnings.map((warning) => element("li", warning)));
+  $("candidates").replaceChildren(...report.candidates.map((candidate) => element("li",
+    `${count(candidate.materials, "material")}: ${percent(candidate.left_out_relative_error)}${candidate.taken ? " (taken)" : ""}`)));
+  $("tried").hidden = !report.candidates.length;
+  $("parameters").replaceChildren(...material.materials.map(parameterTable));
+  $("fit").textContent = `${material.model} model, ${report.solver} solver, ${report.weights} weights, ${report.objective} objective; `
+    + `${report.termination} after ${count(report.iterations, "alternation")}; gauge: ${material.gauge}; cosines above ${report.cosine_cutoff}; `
+    + `${material.provenance.software}${material.provenance.simulated ? ", simulated frames" : ""}.`;
+  const stages = ["load", "observe", "initialise", "fit", "total"].map((stage) => `${stage} ${report.seconds[stage].toFixed(2)} s`);
+  $("seconds").textContent = `Time: ${stages.join(", ")}; ${report.cpu_seconds.toFixed(2)} s of processor.`;
   $("preview").src = `/v1/sessions/${s.id}/result/preview.png?${s.last_seq}`;
-  $("preview").hidden = false;
-  const files = ["report.json", "material.json", "weights.exr", "valid.png", "residual.exr"];
-  $("files").replaceChildren(...files.flatMap((f) => [element("a", f, { href: `/v1/sessions/${s.id}/result/${f}` }), " "]));
+  $("figure").hidden = false;
+  const files = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
+  $("files").replaceChildren("Files: ", ...files.flatMap((f) => [element("a", f, { href: `/v1/sessions/${s.id}/result/${f}` }), " "]));
 }
+
+/// How well the material explains the measurements; a figure that does not exist says why.
+function showErrors(report) {
+  const leftOut = report.left_out.length ? ` (${report.left_out.join(", ")}; numbered from 0)` : "";
+  const figures = [
+    ["Mean relative error", percent(report.mean_relative_error)],
+    ["On highlights", orNot(report.highlight_relative_error, "no highlight was sampled")],
+    [`On left-out lights${leftOut}`, orNot(report.left_out_relative_error, "no light was left out")],
+    ["Chi² per degree of freedom", report.reduced_chi2.toPrecision(3)],
+    ["Points, samples", `${report.pixels.toLocaleString("en")}, ${report.samples.toLocaleString("en")}`],
+  ];
+  if (report.left_out_highlight_relative_error != null) {
+    figures.splice(3, 0, ["On their highlights", percent(report.left_out_highlight_relative_error)]);
+  }
+  $("errors").replaceChildren(...figures.flatMap(([key, value]) => [element("dt", key), element("dd", value)]));
+}
+
+const orNot = (x, why) => (x == null ? `none: ${why}` : percent(x));
+const count = (n, what) => `${n} ${what}${n === 1 ? "" : "s"}`;
 
 /// One material: a row a parameter, with its standard error and whether the data determine it.
 function parameterTable(material, index) {
   const table = element("table");
-  const share = typeof material.share === "number" ? `, ${percent(material.share)} of the surface` : "";
-  table.append(element("caption", `Material ${index + 1}${share}`));
+  table.append(element("caption", `Material ${index + 1}: ${percent(material.share)} of the surface`));
   const head = table.createTHead().insertRow();
-  for (const title of ["parameter", "value", "standard error", ""]) head.append(element("th", title));
+  for (const title of ["", "value ± standard error", ""]) head.append(element("th", title));
   const body = table.createTBody();
-  for (const p of rows(material.parameters)) {
+  for (const [name, parameter] of rows(material)) {
     const row = body.insertRow();
-    const flag = p.flag ?? p.identified ?? "";
-    if (flag !== "identified" && flag !== "") row.className = "unsure";
-    for (const text of [p.name, number(p.value), number(p.standard_error), [flag, p.reason].filter(Boolean).join(": ")]) {
-      row.append(element("td", text));
-    }
+    row.className = parameter.identified;
+    for (const text of [name, ...shown(parameter)]) row.append(element("td", text));
   }
   return table;
 }
 
-/// Parameters come as a list of records, or as one record by name.
-function rows(parameters) {
-  if (Array.isArray(parameters)) return parameters;
-  return Object.entries(parameters || {}).map(([name, p]) => ({ name, ...(typeof p === "object" ? p : { value: p }) }));
+function rows(material) {
+  const channels = (name, list) => list.map((p, i) => [`${name} ${["red", "green", "blue"][i]}`, p]);
+  const roughness = material.beta ? [["roughness β", material.beta]] : [];
+  return [...channels("diffuse ρd", material.rho_d), ...channels("specular ρs", material.rho_s), ...roughness];
 }
 
-function number(x) {
-  if (Array.isArray(x)) return x.map(number).join("  ");
-  return typeof x === "number" ? x.toPrecision(4) : (x ?? "");
+/// Value with its standard error, and a note; the value of a parameter that the data do not determine would pass for a measurement.
+function shown({ value, standard_error, identified, reason }) {
+  if (identified === "unidentified") return ["not determined", reason ?? ""];
+  const note = identified === "weak" ? `weak: ${reason ?? ""}` : "";
+  if (standard_error == null) return [value.toPrecision(4), note];
+  // Two digits of the standard error, and as many decimals of the value.
+  const decimals = Math.min(9, Math.max(4, 1 - Math.floor(Math.log10(standard_error || 1))));
+  return [`${value.toFixed(decimals)} ± ${standard_error.toFixed(decimals)}`, note];
 }
 
 const JSON_BODY = { "Content-Type": "application/json" };
@@ -217,7 +240,7 @@ $("more").onclick = () => attempt(async () => {
   await showList();
 });
 
-$("preview").onerror = () => { $("preview").hidden = true; };
+$("preview").onerror = () => { $("figure").hidden = true; };
 
 /// Says how old the figures are once the daemon cannot be reached.
 setInterval(() => {

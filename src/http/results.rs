@@ -65,6 +65,7 @@ const FILES: &[(&str, &str)] = &[
     ("report.json", "application/json"),
     ("material.json", "application/json"),
     ("weights.exr", "image/x-exr"),
+    ("weights_sigma.exr", "image/x-exr"),
     ("residual.exr", "image/x-exr"),
     ("valid.png", "image/png"),
     ("preview.png", "image/png"),
@@ -80,6 +81,8 @@ enum ResultName {
     Material,
     #[schema(rename = "weights.exr")]
     Weights,
+    #[schema(rename = "weights_sigma.exr")]
+    WeightsSigma,
     #[schema(rename = "residual.exr")]
     Residual,
     #[schema(rename = "valid.png")]
