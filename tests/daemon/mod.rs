@@ -4,6 +4,7 @@
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::PathBuf;
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 
 /// A running daemon; ended and its data removed when dropped.
@@ -11,7 +12,7 @@ pub struct Daemon {
     child: Child,
     address: String,
     _stdout: BufReader<ChildStdout>,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 /// An answer read to its end.
@@ -53,7 +54,13 @@ impl Daemon {
         stdout.read_line(&mut line).unwrap();
         let address =
             line.trim().strip_prefix("listening on http://").unwrap_or_else(|| panic!("said {line:?}")).to_owned();
-        Self { child, address, _stdout: stdout, _folder: folder }
+        Self { child, address, _stdout: stdout, folder }
+    }
+
+    /// The directory of the session at `location`.
+    pub fn directory(&self, location: &str) -> PathBuf {
+        let id = location.strip_prefix("/v1/sessions/").unwrap();
+        self.folder.path().join("data/sessions").join(id)
     }
 
     pub fn url(&self) -> String {
