@@ -242,6 +242,7 @@ pub fn write_for_session(
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::geometry::Projection;
 
@@ -270,7 +271,7 @@ mod tests {
 
     #[test]
     fn a_sound_description_is_read_and_directions_are_normalised() {
-        let Ok((geometry, samples, _)) = parse(GOOD) else { panic!("refused") };
+        let (geometry, samples, _) = parse(GOOD).unwrap();
         assert_eq!(geometry.lights[0].light, Light::Distant { direction: -Vec3::z(), irradiance: [1.0; 3] });
         assert_eq!(samples.cosine_cutoff, COSINE_CUTOFF);
         assert!(matches!(geometry.projection, Projection::Orthographic { mm_per_px: 1.0 }));

@@ -10,7 +10,7 @@ use crate::pipeline::preview::preview;
 use crate::pipeline::report::MaterialFile;
 use std::path::Path;
 
-/// The files of a result, all of them written by [`write`].
+/// The files of a result, all of them written by [`write()`].
 pub const FILES: [&str; 7] =
     ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
 

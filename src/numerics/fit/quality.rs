@@ -103,6 +103,7 @@ pub fn judge_left_out(
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::ward::Ward;
     use crate::numerics::fit::observations::tests::synthetic;
@@ -114,7 +115,7 @@ mod tests {
         for sample in &mut observations.samples {
             sample.radiance = sample.radiance.map(|i| 1.04 * i);
         }
-        let quality = judge_all(&Ward, &mixture, &observations).unwrap_or_else(|| panic!("no samples"));
+        let quality = judge_all(&Ward, &mixture, &observations).unwrap();
         assert!((quality.mean_relative_error - 0.04 / 1.04).abs() < 1e-12);
         assert!((quality.highlight_relative_error.unwrap_or(0.0) - 0.04 / 1.04).abs() < 1e-12);
         assert!(judge(&Ward, &mixture, &observations, Some, |light| light == 99).is_none());

@@ -1,0 +1,92 @@
+# make demo: one acquisition on the simulated rig, from the start request to the recovered material.
+# make test: every check and test of the workspace; the first that fails ends the run.
+
+SHARED := $(or $(RIGD_SHARED),../shared)
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+RIGD   := $(TARGET)/release/rigd
+CARGO  := cargo --locked
+heading = @printf '\n== %s\n'
+
+.PHONY: demo test packages photographs format lint units documentation no-std release simulated oracle golden-frames \
+	unit-file openapi contract
+.NOTPARALLEL:
+
+demo:
+	cargo run --release -- demo
+
+test: packages photographs format lint units documentation no-std golden-frames oracle release simulated unit-file \
+		contract openapi
+	$(heading) 'all checks passed'
+
+packages:
+	$(heading) 'Debian packages'
+	@missing=; \
+	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
+	python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3 python3-venv"; \
+	if [ -z "$$missing" ]; then echo 'all there'; exit 0; fi; \
+	as_root=$$([ "$$(id -u)" = 0 ] || echo sudo); \
+	echo "installing$$missing"; \
+	$$as_root apt-get update -qq && \
+	$$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing
+
+photographs:
+	$(heading) 'photographs for the tests'
+	@if [ -d '$(SHARED)/data' ]; then echo 'in $(SHARED)/data'; \
+	else echo 'SKIPPED: $(SHARED)/data is not there (set RIGD_SHARED): the tests on real photographs do nothing'; fi
+
+format:
+	$(heading) 'format'
+	@cargo fmt --all --check && cargo fmt --manifest-path fuzz/Cargo.toml --check
+
+lint:
+	$(heading) 'lints'
+	@$(CARGO) clippy --quiet --workspace --all-targets -- -D warnings
+
+units:
+	$(heading) 'tests of the workspace'
+	@$(CARGO) test --quiet --workspace
+
+documentation:
+	$(heading) 'documentation of the code'
+	@RUSTDOCFLAGS='-D warnings' $(CARGO) doc --quiet --no-deps --workspace
+
+no-std:
+	$(heading) 'firmware-protocol needs no std'
+	@$(CARGO) build --quiet --package firmware-protocol --lib
+	@rustc --edition 2024 --crate-type staticlib -C panic=abort -L dependency='$(TARGET)/debug/deps' \
+		--extern firmware_protocol='$(TARGET)/debug/libfirmware_protocol.rlib' \
+		-o '$(TARGET)/no_std_proof.a' firmware-protocol/no_std/proof.rs
+
+golden-frames:
+	$(heading) 'golden frames, packed by hand'
+	@python3 firmware-protocol/golden/check.py
+
+oracle: $(TARGET)/oracle/installed
+	$(heading) 'the fit against an independent script'
+	@'$(TARGET)/oracle/bin/python' tests/oracle/zheng2008.py --check
+
+$(TARGET)/oracle/installed: tests/oracle/requirements.txt
+	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/oracle'
+	@'$(TARGET)/oracle/bin/pip' install --quiet --disable-pip-version-check -r tests/oracle/requirements.txt
+	@touch '$@'
+
+release:
+	$(heading) 'release build'
+	@$(CARGO) build --quiet --release
+
+simulated: release
+	$(heading) 'demo: two simulated balls'
+	@data=$$(mktemp -d) && trap 'rm -rf "$$data"' EXIT && '$(RIGD)' demo --data "$$data"
+
+unit-file: release
+	$(heading) 'systemd unit'
+	@systemd/check '$(RIGD)'
+
+contract: release
+	$(heading) 'surfaces that stay'
+	@if [ -f '$(SHARED)/check_contract.py' ]; then python3 '$(SHARED)/check_contract.py' '$(RIGD)'; \
+	else echo 'SKIPPED: $(SHARED)/check_contract.py is not there'; fi
+
+openapi: release
+	$(heading) 'fuzz of the REST surface'
+	@tests/schemathesis.sh '$(RIGD)' 60
