@@ -55,10 +55,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     })
 }
 
+/// Threads that ask the engine for requests: their questions are short, and a thousand clients at once must not mean a thousand
+/// threads.
+const BLOCKING_THREADS: usize = 32;
+
 /// The async runtime of a daemon: two threads are plenty, the work happens on threads of its own.
 pub fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
+        .max_blocking_threads(BLOCKING_THREADS)
         .enable_all()
         .build()
         .context("the async runtime cannot be started")
