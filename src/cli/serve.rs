@@ -2,6 +2,7 @@
 
 use super::daemon::Daemon;
 use super::error::bad_input;
+use crate::session::handle::check_rig;
 use anyhow::Context;
 use rig_config::Rig;
 use std::io::Write;
@@ -23,10 +24,11 @@ pub struct Args {
     data: Option<PathBuf>,
 }
 
-/// Reads a rig file and its text.
+/// Reads a rig file and its text; refuses also what only this program can know to be wrong.
 pub fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
     let text = std::fs::read_to_string(path).map_err(|e| bad_input(format!("{}: {e}", path.display())))?;
     let rig = Rig::from_toml(&text, &path.display().to_string()).map_err(bad_input)?;
+    check_rig(&rig.fit).map_err(|e| bad_input(format!("{}: {}", path.display(), e.reasons.join("\n"))))?;
     Ok((rig, text))
 }
 

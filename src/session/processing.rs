@@ -97,10 +97,10 @@ impl Processing for PipelineProcessing {
         let unfinished = folder.join(format!(".{name}"));
         store::exr::write_radiance(&unfinished, &developed.image, origin, (camera.width, camera.height), &attributes)
             .map_err(|e| {
-                // On a full disk half a file only takes room.
-                let _ = std::fs::remove_file(&unfinished);
-                e.to_string()
-            })?;
+            // On a full disk half a file only takes room.
+            let _ = std::fs::remove_file(&unfinished);
+            e.to_string()
+        })?;
         std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
         self.response = Some((bracket.session.clone(), developed.response));
         Ok(())
