@@ -87,7 +87,15 @@ fn a_session_outlives_its_client_and_who_reconnects_misses_no_event() {
     assert!(session["mean_relative_error"].as_f64().unwrap() < 0.0589, "the paper's error: {session}");
     let directory = daemon.directory(&location);
     let own = ["dataset.toml", "manifest.json", "radiance/06.exr"].map(String::from);
-    let results = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
+    let results = [
+        "report.json",
+        "material.json",
+        "weights.exr",
+        "weights_sigma.exr",
+        "valid.png",
+        "residual.exr",
+        "preview.png",
+    ];
     for file in own.into_iter().chain(results.map(|name| format!("result/{name}"))) {
         let size = std::fs::metadata(directory.join(&file)).unwrap_or_else(|e| panic!("{file}: {e}")).len();
         assert!(size > 0, "{file} is empty");

@@ -47,7 +47,7 @@ impl Daemon {
         let parts = EngineParts {
             open_arm: arm_factory(&rig, &pose)?,
             open_camera: camera_factory(&rig, &pose)?,
-            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes)?,
+            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?,
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
             rig_text,
@@ -68,10 +68,13 @@ impl Daemon {
         let engine = self.engine;
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
-        if let Ok(ended) = tokio::time::timeout(HTTP_GRACE, self.http).await {
+        let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
+        // Whatever became of HTTP: the lamp comes first.
+        clean_up.await?.context("clean-up at the end")?;
+        if let Ok(ended) = http {
             ended??;
         }
-        clean_up.await?.context("clean-up at the end")
+        Ok(())
     }
 }
 

@@ -1,6 +1,8 @@
 //! `rigd serve`: the daemon.
 
 use super::daemon::Daemon;
+use super::error::bad_input;
+use crate::session::handle::check_rig;
 use anyhow::Context;
 use rig_config::Rig;
 use std::io::Write;
@@ -22,10 +24,11 @@ pub struct Args {
     data: Option<PathBuf>,
 }
 
-/// Reads a rig file and its text.
-fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
+/// Reads a rig file and its text; refuses also what only this program can know to be wrong.
+pub fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
     let text = Rig::read_text(path)?;
     let rig = Rig::from_toml(&text, &path.display().to_string())?;
+    check_rig(&rig.fit).map_err(|e| bad_input(format!("{}: {}", path.display(), e.reasons.join("\n"))))?;
     Ok((rig, text))
 }
 
@@ -54,10 +57,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     })
 }
 
+/// Threads that ask the engine for requests: their questions are short, and a thousand clients at once must not mean a thousand
+/// threads.
+const BLOCKING_THREADS: usize = 32;
+
 /// The async runtime of a daemon: two threads are plenty, the work happens on threads of its own.
 pub fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
+        .max_blocking_threads(BLOCKING_THREADS)
         .enable_all()
         .build()
         .context("the async runtime cannot be started")

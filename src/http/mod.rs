@@ -3,6 +3,7 @@
 mod events;
 mod extract;
 mod guard;
+mod listener;
 mod metrics;
 mod openapi;
 mod page;
@@ -70,7 +71,9 @@ pub fn router(state: HttpState) -> Router {
 pub async fn serve(listener: tokio::net::TcpListener, state: HttpState) -> Result<(), ServeError> {
     only_loopback(listener.local_addr()?.ip())?;
     let shutdown = state.shutdown.clone();
-    axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.cancelled_owned()).await?;
+    axum::serve(listener::Bounded::new(listener), router(state))
+        .with_graceful_shutdown(shutdown.cancelled_owned())
+        .await?;
     Ok(())
 }
 

@@ -2,6 +2,7 @@
 
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
+use crate::session::handle::{MAX_MATERIALS, models, objectives};
 use axum::response::{IntoResponse, Response};
 use rig_config::{Rig, Shutter};
 use utoipa::OpenApi;
@@ -88,12 +89,22 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
             ("exposures", RefOr::T(Schema::Array(list))) => bound_items(list, |label| {
                 label.enum_values = Some(Shutter::labels().map(Into::into).collect());
             }),
+            ("materials", RefOr::T(Schema::Object(count))) => {
+                (count.minimum, count.maximum) = (Some(1.into()), Some(MAX_MATERIALS.into()));
+            }
+            ("model", RefOr::T(Schema::Object(name))) => name.enum_values = names(models()),
+            ("objective", RefOr::T(Schema::Object(name))) => name.enum_values = names(objectives()),
             ("leave_out", RefOr::T(Schema::Array(list))) => bound_items(list, |light| {
                 light.maximum = Some(MAX_STATIONS.into());
             }),
             _ => {}
         }
     }
+}
+
+/// The names a text may be; null stands for the rig file's.
+fn names(known: Vec<&str>) -> Option<Vec<serde_json::Value>> {
+    Some(known.into_iter().map(Into::into).chain([serde_json::Value::Null]).collect())
 }
 
 /// Forbids repeated items, and lets `to_item` bound each.

@@ -131,21 +131,25 @@ pub(super) async fn file(
     Ok((headers, stream(file, length)).into_response())
 }
 
-/// A file in pieces: a weight map of a full frame does not fit the daemon's memory budget.
+/// Bytes of a piece of a file.
+const PIECE: u64 = 64 << 10;
+
+/// A file in pieces: a weight map of a full frame does not fit the daemon's memory budget. No thread waits for the client: one
+/// that never reads holds up nobody else.
 fn stream(file: File, length: u64) -> Body {
     let (sender, receiver) = mpsc::channel::<std::io::Result<Bytes>>(4);
-    tokio::task::spawn_blocking(move || {
+    tokio::spawn(async move {
         let mut rest = file.take(length);
-        loop {
-            let mut piece = Vec::with_capacity(64 << 10);
-            let read = rest.by_ref().take(64 << 10).read_to_end(&mut piece);
-            let last = !matches!(read, Ok(1..));
-            let sent = match read {
-                Ok(0) => return,
-                Ok(_) => sender.blocking_send(Ok(piece.into())),
-                Err(error) => sender.blocking_send(Err(error)),
-            };
-            if last || sent.is_err() {
+        while rest.limit() > 0 {
+            let read = tokio::task::spawn_blocking(move || {
+                let mut piece = Vec::new();
+                let read = rest.by_ref().take(PIECE).read_to_end(&mut piece);
+                (rest, read.map(|_| piece))
+            });
+            let Ok((file, piece)) = read.await else { return };
+            rest = file;
+            let last = piece.as_ref().map_or(true, Vec::is_empty);
+            if sender.send(piece.map(Bytes::from)).await.is_err() || last {
                 return;
             }
         }

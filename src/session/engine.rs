@@ -5,7 +5,8 @@ use super::bench::{Bench, OpenArm, OpenCamera};
 use super::book::{Book, Inner};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
-use super::state::{Event, SessionState};
+use super::room;
+use super::state::{Event, SessionState, WrongEvent};
 use super::worker::{self, Job, message};
 use crate::store::{Store, StoreError};
 use rig_config::Rig;
@@ -95,8 +96,36 @@ impl Engine {
             .unwrap_or_else(|panic| Err(Ended::Failed(format!("internal error: {}", message(&*panic)))))
     }
 
-    /// Waits for the worker's fit. After a stop it is a bonus: what the frames do not give is no failure.
+    /// Fits what was shot; a fit that failed for lack of room is made again once there is some.
     fn fit(&self, id: &str, whole: bool) -> Result<(), Ended> {
+        loop {
+            match self.try_fit(id, whole) {
+                Err(Ended::Failed(reason)) if whole => self.outlast(id, reason)?,
+                ended => return ended,
+            }
+        }
+    }
+
+    /// Holds a failed fit up until there is room for it; an error when room is not what it lacks, or someone ends the session.
+    fn outlast(&self, id: &str, reason: String) -> Result<(), Ended> {
+        let Some(writer) = self.book.frame_writer(id) else { return Err(Ended::Failed(reason)) };
+        let Some((lack, bytes)) = room::lack_for_processing(&self.book, id, &self.rig, &writer) else {
+            return Err(Ended::Failed(reason));
+        };
+        room::wait_for(&self.book, id, &writer, bytes, &format!("{reason}; {lack}"), self.speed);
+        if self.book.lock().shutdown {
+            return Err(Ended::ShutDown);
+        }
+        match self.book.happen(id, Event::FramesIn, None) {
+            Ok(_) => Ok(()),
+            Err(WrongEvent { state: SessionState::Stopping, .. }) => Err(Ended::Stopped),
+            Err(WrongEvent { state: SessionState::Aborting, .. }) => Err(Ended::Aborted),
+            Err(wrong) => Err(Ended::Failed(wrong.to_string())),
+        }
+    }
+
+    /// Waits for the worker's fit. After a stop it is a bonus: what the frames do not give is no failure.
+    fn try_fit(&self, id: &str, whole: bool) -> Result<(), Ended> {
         let complete = self.book.look(id, |entry| entry.ledger.bracket(0).is_some()).unwrap_or(false);
         if !whole && !complete {
             return Err(Ended::Stopped);

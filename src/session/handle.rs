@@ -3,9 +3,10 @@
 use super::book::{Book, Entry, Inner};
 use super::plan::{CapturePlan, PlanError, StartRequest};
 use super::processing::read_json;
-pub use super::refit::FitRequest;
+pub use super::refit::{FitRequest, check_rig, models, objectives};
 use super::state::{SessionState, Verb};
 use super::worker::Job;
+pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{Idempotency, Manifest};
 use rig_config::Rig;

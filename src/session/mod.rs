@@ -10,6 +10,7 @@ pub mod plan;
 pub mod processing;
 pub mod quality;
 mod refit;
+mod room;
 pub mod state;
 mod worker;
 

@@ -71,7 +71,10 @@ const DOWNLOAD_S: f64 = 1.5;
 const FRAME_BYTES_PER_PIXEL: u64 = 1;
 /// Bytes of a developed pixel: radiance and variance of three channels and validity, 32-bit.
 const RADIANCE_BYTES_PER_PIXEL: u64 = 28;
-/// Journal, manifest and result beside the images, bytes.
+/// Bytes of a result for each pixel of the full frame: weights and their errors of up to three materials, residual, 32-bit, and
+/// two small pictures.
+const RESULT_BYTES_PER_PIXEL: u64 = 40;
+/// Journal, manifest and reports beside the images, bytes.
 const RECORDS_BYTES: u64 = 1 << 20;
 
 impl CapturePlan {
@@ -123,11 +126,20 @@ impl CapturePlan {
     }
 
     fn bytes(&self, rig: &Rig) -> u64 {
-        let pixels = rig.camera.width as u64 * rig.camera.height as u64;
-        let developed = super::crop::of_object(rig).map_or(pixels, |c| c.width as u64 * c.height as u64);
-        let frames = self.frames as u64 * pixels * FRAME_BYTES_PER_PIXEL;
-        frames + self.stations.len() as u64 * developed * RADIANCE_BYTES_PER_PIXEL + RECORDS_BYTES
+        let frames = self.frames as u64 * frame_pixels(rig) * FRAME_BYTES_PER_PIXEL;
+        frames + processing_bytes(rig, self.stations.len())
     }
+}
+
+/// Disk space that developing `stations` stations and a fit need, bytes.
+pub fn processing_bytes(rig: &Rig, stations: usize) -> u64 {
+    let pixels = frame_pixels(rig);
+    let developed = super::crop::of_object(rig).map_or(pixels, |c| c.width as u64 * c.height as u64);
+    stations as u64 * developed * RADIANCE_BYTES_PER_PIXEL + pixels * RESULT_BYTES_PER_PIXEL + RECORDS_BYTES
+}
+
+fn frame_pixels(rig: &Rig) -> u64 {
+    rig.camera.width as u64 * rig.camera.height as u64
 }
 
 /// Time of a move with constant acceleration up to a greatest speed, seconds.

@@ -97,7 +97,11 @@ impl Processing for PipelineProcessing {
         let folder = bracket.directory.join("radiance");
         let unfinished = folder.join(format!(".{name}"));
         store::exr::write_radiance(&unfinished, &developed.image, origin, (camera.width, camera.height), &attributes)
-            .map_err(|e| e.to_string())?;
+            .map_err(|e| {
+            // On a full disk half a file only takes room.
+            let _ = std::fs::remove_file(&unfinished);
+            e.to_string()
+        })?;
         std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
         self.response = Some((bracket.session.clone(), developed.response));
         Ok(())
@@ -116,7 +120,10 @@ impl Processing for PipelineProcessing {
         result.material.provenance.simulated = Some(self.rig.simulation.is_some());
         let unfinished = job.directory.join(".result");
         clear(&unfinished)?;
-        store::result::write(&unfinished, &result).map_err(|e| e.to_string())?;
+        store::result::write(&unfinished, &result).map_err(|e| {
+            let _ = clear(&unfinished);
+            e.to_string()
+        })?;
         let finished = job.directory.join("result");
         clear(&finished)?;
         std::fs::rename(&unfinished, &finished).map_err(|e| format!("cannot name {}: {e}", finished.display()))?;

@@ -1,7 +1,10 @@
-//! A request to fit a finished session again.
+//! A request to fit a finished session again, and what any fit can be asked.
 
 use super::plan::PlanError;
 use crate::numerics::brdf;
+use crate::numerics::fit::MAX_MATERIALS;
+use crate::numerics::fit::objective::Objective;
+use crate::pipeline::fit::FitOptions;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -23,23 +26,57 @@ impl FitRequest {
     /// Lists every mistake that can be known before the fit runs; the session has `lights` lights.
     pub fn check(&self, lights: usize) -> Result<(), PlanError> {
         let mut reasons = Vec::new();
-        if self.materials == Some(0) {
-            reasons.push("materials: 0: at least 1 is needed, or leave the key out".to_owned());
-        }
-        if let Some(model) = self.model.as_deref().filter(|model| brdf::by_name(model).is_none()) {
-            let known: Vec<_> = brdf::MODELS.iter().map(|m| m.name()).collect();
-            let model: String = model.chars().take(40).collect();
-            reasons.push(format!("model: `{model}` is unknown: take one of {}", known.join(", ")));
-        }
-        let left_out = self.leave_out.as_deref().unwrap_or_default();
-        for (i, &light) in left_out.iter().enumerate() {
-            if light >= lights {
-                reasons
-                    .push(format!("leave_out[{i}]: {light}: the session has lights 0 to {}", lights.saturating_sub(1)));
-            } else if left_out.iter().take(i).any(|&other| other == light) {
-                reasons.push(format!("leave_out[{i}]: {light} is named twice: remove one"));
-            }
-        }
+        check_materials(self.materials, &mut reasons);
+        check_name("model", self.model.as_deref(), &models(), &mut reasons);
+        check_name("objective", self.objective.as_deref(), &objectives(), &mut reasons);
+        check_left_out(self.leave_out.as_deref().unwrap_or_default(), lights, &mut reasons);
         if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
+    }
+}
+
+/// What `[fit]` of a rig file asks that no fit could do: it must show before a night is shot, not after.
+pub fn check_rig(fit: &rig_config::Fit) -> Result<(), PlanError> {
+    let mut reasons = Vec::new();
+    check_materials(fit.materials, &mut reasons);
+    check_name("model", Some(&fit.model), &models(), &mut reasons);
+    check_name("solver", Some(&fit.solver), &[FitOptions::default().solver.as_str()], &mut reasons);
+    check_name("objective", Some(&fit.objective), &objectives(), &mut reasons);
+    let reasons: Vec<_> = reasons.into_iter().map(|reason| format!("fit.{reason}")).collect();
+    if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
+}
+
+/// Names of the BRDF models.
+pub fn models() -> Vec<&'static str> {
+    brdf::MODELS.iter().map(|model| model.name()).collect()
+}
+
+/// Names of the objectives.
+pub fn objectives() -> Vec<&'static str> {
+    Objective::ALL.iter().map(|(name, _)| *name).collect()
+}
+
+fn check_materials(materials: Option<usize>, reasons: &mut Vec<String>) {
+    if let Some(materials) = materials.filter(|m| !(1..=MAX_MATERIALS).contains(m)) {
+        reasons.push(format!("materials: {materials}: 1 to {MAX_MATERIALS} are possible, or leave the key out"));
+    }
+}
+
+fn check_name(key: &str, name: Option<&str>, known: &[&str], reasons: &mut Vec<String>) {
+    if let Some(name) = name.filter(|name| !known.contains(name)) {
+        let name: String = name.chars().take(40).collect();
+        reasons.push(format!("{key}: `{name}` is unknown: take one of {}", known.join(", ")));
+    }
+}
+
+fn check_left_out(left_out: &[usize], lights: usize, reasons: &mut Vec<String>) {
+    for (i, &light) in left_out.iter().enumerate() {
+        if light >= lights {
+            reasons.push(format!("leave_out[{i}]: {light}: the session has lights 0 to {}", lights.saturating_sub(1)));
+        } else if left_out.iter().take(i).any(|&other| other == light) {
+            reasons.push(format!("leave_out[{i}]: {light} is named twice: remove one"));
+        }
+    }
+    if (0..lights).all(|light| left_out.contains(&light)) {
+        reasons.push("leave_out: every light is left out: keep at least one to fit".to_owned());
     }
 }

@@ -90,7 +90,7 @@ pub enum Event {
     Ready,
     /// The engine stands between two frames.
     SafePoint,
-    /// A condition outside the session keeps it from going on (disk space).
+    /// A condition outside the session keeps it from going on (disk space), while shooting or while fitting.
     ConditionLost,
     /// The condition is back.
     ConditionBack,
@@ -122,7 +122,7 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
         (S::Running, Event::Asked(Verb::Pause)) => S::Pausing,
         (S::Pausing, Event::SafePoint) => S::Paused,
         (S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Resume)) => S::Running,
-        (S::Running | S::Pausing, Event::ConditionLost) => S::Suspended,
+        (S::Running | S::Pausing | S::Fitting, Event::ConditionLost) => S::Suspended,
         (S::Suspended, Event::ConditionBack) => S::Running,
         (S::Running | S::Pausing, Event::FramesIn) => S::Fitting,
         (S::Fitting, Event::Done) => S::Completed,

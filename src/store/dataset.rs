@@ -237,7 +237,11 @@ pub fn write_for_session(
     let raw = RawDataset::of_session(rig, light_positions_mm);
     let path = directory.join(FILE);
     let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
-    std::fs::write(&path, text).map_err(|e| error(&path, e.to_string()))
+    // A file cut off by a full disk or a kill would spoil every later fit: it appears whole or not at all.
+    let unfinished = directory.join(format!(".{FILE}.tmp"));
+    std::fs::write(&unfinished, text)
+        .and_then(|()| std::fs::rename(&unfinished, &path))
+        .map_err(|e| error(&path, e.to_string()))
 }
 
 #[cfg(test)]

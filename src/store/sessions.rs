@@ -168,4 +168,9 @@ impl FrameWriter {
     pub fn check_space(&self, bytes: u64) -> Result<(), StoreError> {
         check_space(self.disk.as_ref(), &self.directory, bytes, self.reserve_bytes)
     }
+
+    /// Whether `bytes` more fit when the reserve may be used up.
+    pub fn fits(&self, bytes: u64) -> bool {
+        check_space(self.disk.as_ref(), &self.directory, bytes, 0).is_ok()
+    }
 }

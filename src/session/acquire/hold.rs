@@ -2,6 +2,7 @@
 
 use super::{Acquisition, Ended, Trouble};
 use crate::session::book::{Entry, Inner};
+use crate::session::room;
 use crate::session::state::{Event, SessionState};
 use crate::store::StoreError;
 use serde_json::json;
@@ -9,33 +10,31 @@ use std::time::{Duration, Instant};
 
 /// Recoveries of the arm a session may need, with the wait before each, seconds.
 const RECOVERY_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
-/// Time between two looks at a full disk, seconds.
-const RECHECK_S: f64 = 3.0;
 /// A wait without an end of its own is renewed this often.
 const LONG: Duration = Duration::from_secs(3600);
 
 impl Acquisition<'_> {
     /// Waits for room on the disk; the frame in hand is shot again afterwards.
     pub(super) fn suspend(&mut self, error: &StoreError, frame_bytes: u64) -> Result<(), Ended> {
-        let since = Instant::now();
         let left = self.book.look(self.id, |e| e.ledger.snapshot.frames_planned - e.ledger.snapshot.frames_committed);
         let rest = frame_bytes.saturating_mul(left.unwrap_or(1) as u64);
-        let reason = format!("{error}; the frames still to come need about {rest} bytes");
-        self.book.note(self.id, "fault.raised", json!({"device": "disk", "reason": reason}));
-        // Refused only when a user ended the session meanwhile: the safe point below sees it.
-        let _ = self.book.happen(self.id, Event::ConditionLost, Some(&reason));
-        let recheck = Duration::try_from_secs_f64(RECHECK_S / self.speed).unwrap_or(LONG);
-        while self.state() == SessionState::Suspended && !self.book.lock().shutdown {
-            self.wait(recheck, |state| state != SessionState::Suspended);
-            if self.writer.check_space(frame_bytes).is_ok() {
-                let _ = self.book.happen(self.id, Event::ConditionBack, None);
-            }
+        self.wait_for_room(&format!("{error}; the frames still to come need about {rest} bytes"), frame_bytes)
+    }
+
+    /// A station that could not be developed ends the session, unless the disk was full: then it is developed before the fit.
+    fn outlast(&mut self, fault: String) -> Result<(), Ended> {
+        match room::lack_for_processing(self.book, self.id, self.rig, &self.writer) {
+            Some((lack, bytes)) => self.wait_for_room(&format!("{fault}; {lack}"), bytes),
+            None => Err(Ended::Failed(fault)),
         }
+    }
+
+    fn wait_for_room(&mut self, reason: &str, bytes: u64) -> Result<(), Ended> {
+        let since = Instant::now();
+        room::wait_for(self.book, self.id, &self.writer, bytes, reason, self.speed);
         self.held += since.elapsed();
         self.last = None;
-        self.safe_point()?;
-        self.book.note(self.id, "fault.cleared", json!({"device": "disk"}));
-        Ok(())
+        self.safe_point().map(|_| ())
     }
 
     /// Opens the arm anew, as often as a session may; the caller shoots the station again.
@@ -69,7 +68,8 @@ impl Acquisition<'_> {
         loop {
             let fault = self.book.look(self.id, |entry| entry.worker_fault.take()).flatten();
             if let Some(fault) = fault {
-                return Err(Ended::Failed(fault));
+                self.outlast(fault)?;
+                held = true;
             }
             if self.book.lock().shutdown {
                 return Err(Ended::ShutDown);

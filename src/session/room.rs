@@ -1,0 +1,41 @@
+//! A full disk holds a session up, whether it shoots or fits; nothing that was committed is lost.
+
+use super::book::{Book, Entry, Inner};
+use super::plan::processing_bytes;
+use super::state::{Event, SessionState};
+use crate::store::StoreError;
+use crate::store::sessions::FrameWriter;
+use rig_config::Rig;
+use serde_json::json;
+use std::time::Duration;
+
+/// Time between two looks at a full disk, seconds of the rig's time.
+const RECHECK_S: f64 = 3.0;
+/// A look that would be later than this is made now and then all the same.
+const LONG: Duration = Duration::from_secs(3600);
+
+/// Suspends the session until `bytes` and the reserve fit on the disk, or until a user or the daemon's end decides otherwise.
+pub fn wait_for(book: &Book, id: &str, writer: &FrameWriter, bytes: u64, reason: &str, speed: f64) {
+    book.note(id, "fault.raised", json!({"device": "disk", "reason": reason}));
+    // Refused only when a user ended the session meanwhile: whoever called sees it at the next safe point.
+    let _ = book.happen(id, Event::ConditionLost, Some(reason));
+    let recheck = Duration::try_from_secs_f64(RECHECK_S / speed).unwrap_or(LONG);
+    let suspended = |inner: &Inner| inner.entry(id).map(Entry::state) == Ok(SessionState::Suspended);
+    let go_on = |inner: &mut Inner| (inner.shutdown || !suspended(inner)).then_some(());
+    while book.wait(recheck, go_on).is_none() {
+        if writer.check_space(bytes).is_ok() {
+            let _ = book.happen(id, Event::ConditionBack, None);
+            book.note(id, "fault.cleared", json!({"device": "disk"}));
+        }
+    }
+}
+
+/// How much room is missing, and the bytes needed, when a failed develop step or fit may have failed for lack of it.
+pub fn lack_for_processing(book: &Book, id: &str, rig: &Rig, writer: &FrameWriter) -> Option<(StoreError, u64)> {
+    let undeveloped = book.look(id, |e| e.plan.stations.len() - e.ledger.snapshot.stations_developed)?;
+    let bytes = processing_bytes(rig, undeveloped);
+    if writer.fits(bytes) {
+        return None;
+    }
+    Some((writer.check_space(bytes).err()?, bytes))
+}
