@@ -1,6 +1,6 @@
 //! `rigd config`: the rig file's schema, and a check of a file.
 
-use rig_config::Rig;
+use super::serve::read_rig;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     match &args.command {
         Command::Schema => writeln!(out, "{}", serde_json::to_string_pretty(&rig_config::json_schema())?)?,
         Command::Check { file } => {
-            let rig = Rig::read(file)?;
+            let (rig, _) = read_rig(file)?;
             writeln!(out, "{}: sound ({})", file.display(), rig.name)?;
         }
         Command::Show { name } => {

@@ -117,7 +117,7 @@ impl Processing for PipelineProcessing {
         let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
         let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
         result.report.add_load(load.as_secs_f64(), cpu_load);
-        result.material.provenance.simulated = Some(self.rig.simulation.is_some());
+        result.material.provenance.simulated = Some(self.rig.is_simulated());
         let unfinished = job.directory.join(".result");
         clear(&unfinished)?;
         store::result::write(&unfinished, &result).map_err(|e| {

@@ -73,7 +73,8 @@ fn read_description(directory: &Path) -> Result<(Geometry, Samples), DatasetErro
         return Err(error(directory, "there is no such directory: give one that holds a dataset.toml"));
     }
     let path = directory.join(FILE);
-    let text = std::fs::read_to_string(&path).map_err(|e| error(&path, e.to_string()))?;
+    let text = std::fs::read_to_string(&path)
+        .map_err(|e| error(&path, format!("{e}: give a directory that holds a dataset.toml")))?;
     let (mut geometry, samples, mask) =
         parse(&text).map_err(|reasons| DatasetError { path: path.display().to_string(), reasons })?;
     if let Some(mask) = mask {

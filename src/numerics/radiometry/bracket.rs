@@ -219,12 +219,19 @@ impl std::fmt::Display for PairTest {
         let ((short, short_s), (long, long_s)) = (&self.shorter, &self.longer);
         write!(
             f,
-            "from {short} ({short_s} s) to {long} ({long_s} s), listed as {:+.2} EV, {:.1} % of {} pixels do not get brighter",
+            "from {short} ({} s) to {long} ({} s), listed as {:+.2} EV, {:.1} % of {} pixels do not get brighter",
+            four_digits(*short_s),
+            four_digits(*long_s),
             (long_s / short_s).log2(),
             100.0 * self.not_brighter,
             self.pixels
         )
     }
+}
+
+/// A time as people read it: shutter times are powers of the cube root of two.
+fn four_digits(time_s: f64) -> f64 {
+    format!("{time_s:.3e}").parse().unwrap_or(time_s)
 }
 
 #[cfg(test)]
