@@ -150,7 +150,9 @@ fn without_tests(source: &str) -> String {
     let mut lines: Vec<&str> = Vec::new();
     let mut rest = source.lines().peekable();
     while let Some(line) = rest.next() {
-        if line == "#[cfg(test)]" && rest.peek().is_some_and(|next| next.trim_start_matches("pub(crate) ").starts_with("mod tests {")) {
+        if line == "#[cfg(test)]"
+            && rest.peek().is_some_and(|next| next.trim_start_matches("pub(crate) ").starts_with("mod tests {"))
+        {
             break;
         }
         lines.push(line);
