@@ -26,13 +26,8 @@ impl Hal for Board {
 }
 
 fuzz_target!(|bytes: &[u8]| {
-    let info = DeviceInfo {
-        firmware: [0, 1, 0],
-        caps: 0,
-        reset_cause: 0,
-        boot_nonce: 1,
-        travel_mdeg: [-90_000, 90_000],
-    };
+    let info =
+        DeviceInfo { firmware: [0, 1, 0], caps: 0, reset_cause: 0, boot_nonce: 1, travel_mdeg: [-90_000, 90_000] };
     let mut device = Device::new(Board::default(), info, 0);
     let mut decoder = Decoder::default();
     for (now_ms, byte) in (0u32..).zip(bytes) {

@@ -1,8 +1,8 @@
 //! Bytes of a picture file to 8-bit RGB and the facts its EXIF states. Any bytes give a picture or a typed error.
 
+use super::contain::contained;
 use crate::numerics::image::Image;
 use std::io::Cursor;
-use std::panic::catch_unwind;
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
@@ -75,13 +75,12 @@ impl Format {
 /// is the sensor's.
 pub fn decode(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     let format = Format::of(bytes)?;
-    // The decoders are made by others: should one panic on a crafted file, that file is damaged and nothing else is lost.
-    let decoded = catch_unwind(|| match format {
+    let decoded = contained(|| match format {
         Format::Jpeg => decode_jpeg(bytes),
         Format::Png => decode_lossless(bytes, format, image::ImageFormat::Png),
         Format::Bmp => decode_lossless(bytes, format, image::ImageFormat::Bmp),
     });
-    decoded.unwrap_or_else(|_| Err(damaged(format, "the decoder gave up")))
+    decoded.unwrap_or_else(|| Err(damaged(format, "the decoder gave up")))
 }
 
 fn damaged(format: Format, reason: impl ToString) -> DecodeError {
@@ -153,7 +152,7 @@ pub struct FrameInfo {
 impl FrameInfo {
     /// Reads the EXIF of a picture file; a file without any gives no fields.
     pub fn read(bytes: &[u8]) -> Self {
-        catch_unwind(|| read_exif(bytes)).ok().flatten().unwrap_or_default()
+        contained(|| read_exif(bytes)).flatten().unwrap_or_default()
     }
 
     /// The time the shutter of a third-stop body really opens, 2^(k/3) s: a label of 15 opens for 16 s. None without a time

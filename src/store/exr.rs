@@ -2,6 +2,7 @@
 //! mantissas, and compression costs far more time than it saves space.
 
 use crate::numerics::image::{Image, RadianceImage};
+use crate::pipeline::contain::contained;
 use exr::meta::MetaData;
 use exr::meta::attribute::AttributeValue;
 use exr::prelude::{
@@ -74,24 +75,24 @@ fn signed(path: &Path, value: usize) -> Result<i32, ExrError> {
     i32::try_from(value).map_err(|_| error(path, "the image is too large"))
 }
 
+/// Most values a file may hold over all its channels: what its header claims is checked before memory is taken.
+const MAX_VALUES: usize = 1 << 30;
+
 /// Reads the first layer of a file whose full frame must be `full` pixels.
 pub fn read_planes(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
+    contained(|| read_layer(path, full)).unwrap_or_else(|| Err(error(path, "the file is damaged: write it again")))
+}
+
+fn read_layer(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
     let meta = MetaData::read_from_file(path, false).map_err(|e| error(path, e.to_string()))?;
-    let header = meta.headers.first().ok_or_else(|| error(path, "the file has no image"))?;
-    let window = header.shared_attributes.display_window;
-    let size = header.layer_size;
-    let at = header.own_attributes.layer_position;
-    let relative = Vec2(i64::from(at.0) - i64::from(window.position.0), i64::from(at.1) - i64::from(window.position.1));
-    if (window.size.0, window.size.1) != full {
-        return Err(error(
-            path,
-            format!("the image is {} x {} pixels, {} x {} expected", window.size.0, window.size.1, full.0, full.1),
-        ));
-    }
-    let origin = (usize::try_from(relative.0), usize::try_from(relative.1));
-    let (Ok(x), Ok(y)) = origin else { return Err(error(path, "its data begin outside its frame")) };
-    if x.saturating_add(size.0) > full.0 || y.saturating_add(size.1) > full.1 {
-        return Err(error(path, "its data reach outside its frame"));
+    // Any of the layers may turn out to be the first that can be read.
+    for header in &meta.headers {
+        let at = header.own_attributes.layer_position;
+        place(path, header.shared_attributes.display_window, at, header.layer_size, full)?;
+        let values = header.channels.list.len().saturating_mul(full.0.saturating_mul(full.1));
+        if values > MAX_VALUES {
+            return Err(error(path, format!("{} channels are too many for its size", header.channels.list.len())));
+        }
     }
     let image = exr::prelude::read()
         .no_deep_data()
@@ -101,14 +102,43 @@ pub fn read_planes(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError
         .all_attributes()
         .from_file(path)
         .map_err(|e| error(path, e.to_string()))?;
-    let channels = image
-        .layer_data
+    let layer = image.layer_data;
+    let origin = place(path, image.attributes.display_window, layer.attributes.layer_position, layer.size, full)?;
+    let channels: Vec<(String, Vec<f32>)> = layer
         .channel_data
         .list
         .into_iter()
         .map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect()))
         .collect();
-    Ok(Planes { origin: (x, y), full, size: (size.0, size.1), channels })
+    match channels.iter().find(|(_, pixels)| pixels.len() != layer.size.area()) {
+        Some((name, _)) => {
+            Err(error(path, format!("the channel {name} has not one value a pixel; write it unsampled")))
+        }
+        None => Ok(Planes { origin, full, size: (layer.size.0, layer.size.1), channels }),
+    }
+}
+
+/// Where in its frame a layer begins, pixels; the frame must be `full` and hold all of the layer.
+fn place(
+    path: &Path,
+    frame: IntegerBounds,
+    at: Vec2<i32>,
+    size: Vec2<usize>,
+    full: (usize, usize),
+) -> Result<(usize, usize), ExrError> {
+    if (frame.size.0, frame.size.1) != full {
+        let reason =
+            format!("the image is {} x {} pixels, {} x {} expected", frame.size.0, frame.size.1, full.0, full.1);
+        return Err(error(path, reason));
+    }
+    let begin = |at: i32, frame: i32| usize::try_from(i64::from(at) - i64::from(frame));
+    let (Ok(x), Ok(y)) = (begin(at.0, frame.position.0), begin(at.1, frame.position.1)) else {
+        return Err(error(path, "its data begin outside its frame"));
+    };
+    if x.saturating_add(size.0) > full.0 || y.saturating_add(size.1) > full.1 {
+        return Err(error(path, "its data reach outside its frame"));
+    }
+    Ok((x, y))
 }
 
 const COLOURS: [&str; 3] = ["R", "G", "B"];
