@@ -9,7 +9,7 @@ use std::io::{Read, Write};
 
 const JSON: (&str, &str) = ("content-type", "application/json");
 /// A plan of four frames, which the simulated rig shoots in a moment.
-const SMALL: &str = r#"{"stations_deg": [-20, 15], "exposures": ["1/20", "1/100"]}"#;
+const SMALL: &str = r#"{"stations_deg": [-20, 15], "exposures": ["1/20", "1/100", "1/4"]}"#;
 
 fn assert_problem(answer: &Answer, status: u16, path: &str) {
     assert_eq!(answer.status, status, "{path}: {}", answer.text);
@@ -112,7 +112,7 @@ fn references(value: &Value) -> Vec<String> {
 fn the_rig_is_taken_by_one_session_at_a_time() {
     let daemon = Daemon::start();
     let dry = daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], SMALL);
-    assert_eq!((dry.status, &dry.json()["frames"]), (200, &json!(4)), "{}", dry.text);
+    assert_eq!((dry.status, &dry.json()["frames"]), (200, &json!(6)), "{}", dry.text);
     let key = ("idempotency-key", "one");
     let first = daemon.call("POST", "/v1/sessions", &[JSON, key], "{}");
     assert_eq!(first.status, 202, "{}", first.text);
@@ -187,7 +187,7 @@ fn a_reconnecting_client_misses_no_event() {
     }
     let frames = daemon.get(&format!("{location}/frames")).json();
     let shot: Vec<_> = frames["frames"].as_array().unwrap().iter().map(|f| (&f["station"], &f["exposure"])).collect();
-    assert_eq!(json!(shot), json!([[0, 0], [0, 1], [1, 0], [1, 1]]), "{frames}");
+    assert_eq!(json!(shot), json!([[0, 0], [0, 1], [0, 2], [1, 0], [1, 1], [1, 2]]), "{frames}");
 }
 
 #[test]
