@@ -287,3 +287,52 @@ fn a_session_suspended_by_a_full_disk_can_be_stopped() {
     fakes.assert_safe();
     assert_eq!(fakes.world().fitted, [1]);
 }
+
+#[test]
+fn a_disk_too_full_to_develop_or_to_fit_suspends_and_both_are_done_once_there_is_room() {
+    for step in ["develop 1", "fit"] {
+        let fakes = Fakes::default();
+        let data = tempfile::tempdir().unwrap();
+        let engine = fakes.engine(data.path());
+        let disk = fakes.disk.clone();
+        let mut full = false;
+        fakes.on_step(move |now| {
+            (now == step && !std::mem::replace(&mut full, true)).then(|| {
+                disk.free.store(5000, Ordering::SeqCst);
+                "No space left on device".into()
+            })
+        });
+        let id = begin(&engine);
+        let reason = wait_for(&engine, &id, S::Suspended).reason.unwrap();
+        assert!(reason.contains("No space left") && reason.contains("5000 are free"), "{step}: {reason}");
+        fakes.disk.free.store(u64::MAX, Ordering::SeqCst);
+        let end = wait_for(&engine, &id, S::Completed);
+        assert_eq!((end.frames_committed, end.stations_developed), (6, 3), "{step}");
+        assert_eq!(fakes.world().fitted, [3], "{step}");
+        fakes.assert_safe();
+    }
+}
+
+#[test]
+fn a_fit_suspended_by_a_full_disk_can_be_stopped_aborted_and_shut_down() {
+    for (verb, state) in [(Some(Verb::Stop), S::Stopped), (Some(Verb::Abort), S::Aborted), (None, S::Interrupted)] {
+        let fakes = Fakes::default();
+        let data = tempfile::tempdir().unwrap();
+        let engine = fakes.engine(data.path());
+        let disk = fakes.disk.clone();
+        fakes.on_step(move |now| {
+            (now == "fit").then(|| {
+                disk.free.store(0, Ordering::SeqCst);
+                "No space left on device".into()
+            })
+        });
+        let id = begin(&engine);
+        wait_for(&engine, &id, S::Suspended);
+        match verb {
+            Some(verb) => drop(engine.command(&id, verb).unwrap()),
+            None => engine.shutdown().unwrap(),
+        }
+        assert_eq!(wait_for(&engine, &id, state).frames_committed, 6);
+        fakes.assert_safe();
+    }
+}

@@ -4,6 +4,7 @@ mod support;
 
 use rigd::numerics::geometry::{Projection, Sphere, Vec3};
 use rigd::session::crop;
+use rigd::session::handle::{FitRequest, check_rig};
 use rigd::session::plan::{CapturePlan, StartRequest};
 use support::rig;
 
@@ -108,4 +109,25 @@ fn the_crop_holds_every_pixel_that_sees_the_sphere_and_little_more() {
     }
     rig.object.center_mm = [0.0, 0.0, -500.0];
     assert_eq!(crop::of_object(&rig), None);
+}
+
+#[test]
+fn a_fit_that_no_fit_can_be_is_refused_before_anything_moves() {
+    let mut rig = support::rig();
+    assert_eq!(check_rig(&rig.fit), Ok(()));
+    rig.fit = rig_config::Fit {
+        materials: Some(9),
+        model: "plastic".into(),
+        solver: "magic".into(),
+        objective: "beauty".into(),
+        ..rig.fit
+    };
+    let reasons = check_rig(&rig.fit).unwrap_err().reasons;
+    assert_eq!(reasons.len(), 4);
+    for (reason, key) in reasons.iter().zip(["fit.materials", "fit.model", "fit.solver", "fit.objective"]) {
+        assert!(reason.starts_with(key), "{reason}");
+    }
+    let every = FitRequest { leave_out: Some(vec![0, 1, 2]), materials: Some(5), ..FitRequest::default() };
+    assert_eq!(every.check(3).unwrap_err().reasons.len(), 2);
+    assert_eq!(every.check(4).unwrap_err().reasons.len(), 1);
 }

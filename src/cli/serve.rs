@@ -7,7 +7,9 @@ use anyhow::Context;
 use rig_config::Rig;
 use std::io::Write;
 use std::net::SocketAddr;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use tokio::signal::unix::{SignalKind, signal};
 
 /// Run the daemon for a rig.
@@ -32,8 +34,25 @@ pub fn read_rig(path: &Path) -> anyhow::Result<(Rig, String)> {
     Ok((rig, text))
 }
 
+/// How glibc shall keep house: as it comes, each of the fit's threads keeps its own freed memory, and the daemon idles at 50 to
+/// 90 MB after a session, at half of it this way. Other allocators ignore it.
+const ALLOCATOR: [(&str, &str); 3] =
+    [("MALLOC_ARENA_MAX", "1"), ("MALLOC_TRIM_THRESHOLD_", "131072"), ("MALLOC_MMAP_THRESHOLD_", "131072")];
+
+/// Runs this program anew, as the same process, with [`ALLOCATOR`]: it is read only when a program starts. Comes back if that was
+/// done already, here or by whoever started the daemon, or if it cannot be done.
+fn keep_house() {
+    if ALLOCATOR.iter().any(|(name, _)| std::env::var_os(name).is_some()) {
+        return;
+    }
+    let Ok(program) = std::env::current_exe() else { return };
+    let error = Command::new(program).args(std::env::args_os().skip(1)).envs(ALLOCATOR).exec();
+    tracing::warn!(%error, "the daemon will keep more memory than it needs");
+}
+
 /// Serves until SIGINT or SIGTERM, then cleans up.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    keep_house();
     let (mut rig, text) = read_rig(&args.config)?;
     if let Some(listen) = args.listen {
         rig.server.listen = listen;

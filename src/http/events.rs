@@ -93,12 +93,19 @@ async fn follow(state: HttpState, id: String, mut after: u64, sender: mpsc::Send
         let Ok(snapshot) = ask(&state, move |engine| engine.session(&asked)).await else { return };
         if snapshot.last_seq > after {
             let asked = id.clone();
-            let Ok(records) = ask(&state, move |engine| engine.events_after(&asked, after)).await else { return };
-            for (seq, event) in records.iter().filter_map(event) {
+            let Ok(events) = ask(&state, move |engine| Ok(next_events(&engine.events_after(&asked, after)?))).await
+            else {
+                return;
+            };
+            let more = events.len() == IN_FLIGHT;
+            for (seq, event) in events {
                 if sender.send(Ok(event)).await.is_err() {
                     return;
                 }
                 after = after.max(seq);
+            }
+            if more {
+                continue;
             }
         }
         if snapshot.state.is_final() && after >= snapshot.last_seq {
@@ -110,6 +117,11 @@ async fn follow(state: HttpState, id: String, mut after: u64, sender: mpsc::Send
             () = shutdown.cancelled() => return,
         }
     }
+}
+
+/// The first events of `records`: no more than fit on their way, so that a client that does not read costs little memory.
+fn next_events(records: &[Value]) -> Vec<(u64, Event)> {
+    records.iter().filter_map(event).take(IN_FLIGHT).collect()
 }
 
 /// A journal record as an event; none if it has no sequence number.

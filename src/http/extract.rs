@@ -96,12 +96,14 @@ pub(super) fn is_uuid(id: &str) -> bool {
 /// A request header as text.
 ///
 /// # Errors
-/// The header is not visible ASCII of 1 to `longest` characters; the text says so.
+/// The header is there twice, or not visible ASCII of 1 to `longest` characters; the text says so.
 pub(super) fn header<'a>(headers: &'a HeaderMap, name: &str, longest: usize) -> Result<Option<&'a str>, String> {
-    let Some(value) = headers.get(name) else { return Ok(None) };
+    let mut values = headers.get_all(name).iter();
+    let Some(value) = values.next() else { return Ok(None) };
     match value.to_str() {
-        Ok(text) if (1..=longest).contains(&text.len()) => Ok(Some(text)),
-        _ => Err(format!("header {name}: write 1 to {longest} visible ASCII characters")),
+        _ if values.next().is_some() => Err(format!("header {name}: it is there twice: send one")),
+        Ok(text) if (1..=longest).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_graphic()) => Ok(Some(text)),
+        _ => Err(format!("header {name}: write 1 to {longest} visible ASCII characters, no blanks")),
     }
 }
 

@@ -10,11 +10,13 @@ use std::net::{IpAddr, Ipv6Addr};
 
 /// Refuses names that only look like this machine: a web page whose domain was rebound to 127.0.0.1 must not move the arm.
 pub(super) async fn loopback_host(request: Request, next: Next) -> Response {
-    let header = request.headers().get(header::HOST).map(|h| h.to_str().unwrap_or_default());
-    match header.or_else(|| request.uri().authority().map(|a| a.as_str())) {
-        Some(host) if !is_loopback(host) => Problem::misdirected().into_response(),
-        _ => next.run(request).await,
+    let headers = request.headers().get_all(header::HOST).iter().map(|h| h.to_str().unwrap_or_default());
+    // Every name counts, because which of two is meant is anybody's guess.
+    let mut names = headers.chain(request.uri().authority().map(|a| a.as_str()));
+    if names.any(|name| !is_loopback(name)) {
+        return Problem::misdirected().into_response();
     }
+    next.run(request).await
 }
 
 fn is_loopback(authority: &str) -> bool {

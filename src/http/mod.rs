@@ -51,7 +51,7 @@ pub enum ServeError {
 /// All routes.
 pub fn router(state: HttpState) -> Router {
     let (routes, spec) = openapi::routes().split_for_parts();
-    let spec = openapi::finish(spec, &state.rig);
+    let spec = openapi::text(spec, &state.rig);
     routes
         .merge(page::routes())
         .route("/openapi.json", axum::routing::get(move || async move { openapi::answer(spec) }))

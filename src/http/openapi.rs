@@ -3,6 +3,8 @@
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
 use crate::session::handle::{MAX_MATERIALS, models, objectives};
+use axum::body::Bytes;
+use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use rig_config::{Rig, Shutter};
 use utoipa::OpenApi;
@@ -59,7 +61,7 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
 }
 
 /// Gives every refusal its body: handlers name statuses only, because all refusals are problems.
-pub(super) fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
+fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
     for path in spec.paths.paths.values_mut() {
         for operation in [&mut path.get, &mut path.post].into_iter().flatten() {
             complete(operation);
@@ -131,7 +133,13 @@ fn complete(operation: &mut Operation) {
     }
 }
 
+/// The document as it is sent, made once.
+pub(super) fn text(spec: openapi::OpenApi, rig: &Rig) -> Bytes {
+    // The document is made of text and numbers only: there is nothing in it that JSON could not say.
+    serde_json::to_vec(&finish(spec, rig)).unwrap_or_default().into()
+}
+
 /// The document as an answer.
-pub(super) fn answer(spec: openapi::OpenApi) -> Response {
-    axum::Json(spec).into_response()
+pub(super) fn answer(text: Bytes) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
 }

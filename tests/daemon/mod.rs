@@ -4,7 +4,7 @@
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 
 /// A running daemon; ended and its data removed when dropped.
@@ -37,15 +37,21 @@ impl Daemon {
     /// Starts `rigd serve` with the shipped simulated rig, its time sped up so that tests wait for little.
     pub fn start() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let (_, shipped) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap();
-        let config = folder.path().join("rig.toml");
-        std::fs::write(&config, shipped.replace("speed = 40.0", "speed = 400.0")).unwrap();
+        let config = shipped().replace("speed = 40.0", "speed = 400.0");
+        let data = folder.path().join("data");
+        Self::start_with(folder, &config, &data)
+    }
+
+    /// Starts `rigd serve` with a rig file of this text, written to `folder`, on the sessions of `data`.
+    pub fn start_with(folder: tempfile::TempDir, config: &str, data: &Path) -> Self {
+        let file = folder.path().join("rig.toml");
+        std::fs::write(&file, config).unwrap();
         let mut child = Command::new(env!("CARGO_BIN_EXE_rigd"))
             .arg("serve")
             .arg("--config")
-            .arg(&config)
+            .arg(&file)
             .args(["--listen", "127.0.0.1:0", "--data"])
-            .arg(folder.path().join("data"))
+            .arg(data)
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -117,12 +123,23 @@ impl Daemon {
         self.events(&format!("{location}/events"), &[], usize::MAX);
     }
 
+    /// Ends the daemon as a crash or the kernel does: at once.
+    pub fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
     /// Asks the daemon to end, as a service manager does, and waits for it.
     pub fn terminate(&mut self) -> ExitStatus {
         let pid = nix::unistd::Pid::from_raw(self.child.id().try_into().unwrap());
         nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
         self.child.wait().unwrap()
     }
+}
+
+/// Text of the shipped simulated rig.
+pub fn shipped() -> &'static str {
+    rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap().1
 }
 
 impl Drop for Daemon {

@@ -1,0 +1,211 @@
+//! The daemon killed and ended at moments it does not choose. Its arm runs in the test, behind a PTY, so that the test sees what the
+//! lamp and the arm truly do when nobody drives them any more.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+mod daemon;
+
+use daemon::{Daemon, shipped};
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+use rig_config::Rig;
+use rigd::devices::Cancel;
+use rigd::devices::camera::{Camera, Shot};
+use rigd::sim::arm::{ArmConfig, SimulatedArm};
+use rigd::sim::camera::{CameraFaults, SimulatedCamera};
+use rigd::sim::pose::{Pose, SharedPose};
+use rigd::store::journal;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Seed of the moments at which the daemon is killed.
+const SEED: u64 = 20_261_123;
+const KILLS: usize = 8;
+const ANGLES_DEG: [f64; 3] = [-30.0, 10.0, 50.0];
+const EXPOSURES: [&str; 3] = ["1/40", "1/8", "0.6"];
+const PARK_DEG: f64 = -7.5;
+
+/// A simulated arm of this process, a folder of frames for the replay camera, and the rig file that names both.
+struct Rigged {
+    pose: SharedPose,
+    config: String,
+    folder: tempfile::TempDir,
+    _arm: SimulatedArm,
+}
+
+impl Rigged {
+    fn new(soak_s: f64) -> Self {
+        let rig = Rig::from_toml(shipped(), "simulated.toml").unwrap();
+        let (folder, pose) = (tempfile::tempdir().unwrap(), SharedPose::default());
+        let arm = SimulatedArm::spawn(ArmConfig::from_rig(&rig, pose.clone())).unwrap();
+        let frames = folder.path().join("frames");
+        std::fs::create_dir(&frames).unwrap();
+        shoot(&rig, &frames);
+        let config = shipped()
+            .split("[simulation]")
+            .next()
+            .unwrap()
+            .replacen(
+                "driver = \"simulated\"",
+                &format!("driver = \"rigproto\"\nport = {:?}", arm.port().to_str().unwrap()),
+                1,
+            )
+            .replacen(
+                "driver = \"simulated\"",
+                &format!("driver = \"replay\"\ndirectory = {:?}", frames.to_str().unwrap()),
+                1,
+            )
+            .replace(
+                "stations_deg = [-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0]",
+                &format!("stations_deg = {ANGLES_DEG:?}"),
+            )
+            .replace(
+                r#"exposures = ["1/100", "1/40", "1/20", "1/8", "1/4", "0.6", "1.3", "3.2", "6", "15"]"#,
+                &format!("exposures = {EXPOSURES:?}"),
+            )
+            .replace("park_deg = 0.0", &format!("park_deg = {PARK_DEG}"))
+            .replace("settle_s = 0.5", "settle_s = 0.1")
+            .replace("soak_s = 5.0", &format!("soak_s = {soak_s:.1}"));
+        Self { pose, config, folder, _arm: arm }
+    }
+
+    fn data(&self) -> std::path::PathBuf {
+        self.folder.path().join("data")
+    }
+
+    fn daemon(&self) -> Daemon {
+        Daemon::start_with(tempfile::tempdir().unwrap(), &self.config, &self.data())
+    }
+
+    fn assert_at_rest(&self, what: &str) {
+        let Pose { angle_deg, lamp_permille } = self.pose.get();
+        assert_eq!(lamp_permille, 0, "{what}: the lamp is on");
+        assert!((angle_deg - PARK_DEG).abs() < 0.06, "{what}: the arm is at {angle_deg} degrees, not parked");
+    }
+}
+
+/// The plan's frames, as the camera of the same rig takes them.
+fn shoot(rig: &Rig, frames: &Path) {
+    let mut simulation = rig.simulation.clone().unwrap();
+    simulation.speed = f64::INFINITY;
+    let pose = SharedPose::default();
+    let mut camera = SimulatedCamera::new(rig, &simulation, pose.clone(), CameraFaults::default());
+    for (station, angle_deg) in ANGLES_DEG.into_iter().enumerate() {
+        pose.set(Pose { angle_deg, lamp_permille: rig.lamp.level_permille });
+        for (exposure, label) in EXPOSURES.into_iter().enumerate() {
+            let shutter = rig_config::Shutter::from_label(label).unwrap();
+            let shot = Shot { station, exposure, shutter, f_number: rig.camera.f_number, iso: rig.camera.iso };
+            let frame = camera.shoot(&shot, &Cancel::default()).unwrap();
+            std::fs::write(frames.join(format!("{station}-{exposure}.jpg")), frame.bytes).unwrap();
+        }
+    }
+}
+
+fn until(what: &str, mut true_now: impl FnMut() -> bool) {
+    let end = Instant::now() + Duration::from_secs(30);
+    while !true_now() {
+        assert!(Instant::now() < end, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn begin(daemon: &Daemon) -> String {
+    let answer = daemon.call("POST", "/v1/sessions", &[("content-type", "application/json")], "{}");
+    assert_eq!(answer.status, 202, "{}", answer.text);
+    answer.json()["id"].as_str().unwrap().to_owned()
+}
+
+fn session(daemon: &Daemon, id: &str) -> Value {
+    daemon.get(&format!("/v1/sessions/{id}")).json()
+}
+
+/// Whole chain, and every journalled frame on disk as it was journalled, and no other; returns their number.
+fn check_session(directory: &Path) -> usize {
+    let path = directory.join(journal::FILE);
+    let read = journal::read(&path).unwrap();
+    assert_eq!(read.fault, None, "{}", path.display());
+    assert_eq!(read.length, std::fs::metadata(&path).unwrap().len(), "{}: a torn line is left", path.display());
+    let mut files = BTreeSet::new();
+    for frame in read.records.iter().filter(|r| r["type"] == "frame.committed") {
+        let name = frame["file"].as_str().unwrap();
+        let bytes = std::fs::read(directory.join("frames").join(name)).unwrap();
+        assert_eq!(
+            (&frame["bytes"], &frame["blake3"]),
+            (&bytes.len().into(), &blake3::hash(&bytes).to_hex().as_str().into())
+        );
+        files.insert(name.to_owned());
+    }
+    let names =
+        std::fs::read_dir(directory.join("frames")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    assert_eq!(names.collect::<BTreeSet<_>>(), files, "{}", directory.display());
+    files.len()
+}
+
+#[test]
+fn killed_at_random_moments_it_loses_nothing_and_leaves_no_lamp_on() {
+    let (rigged, mut random) = (Rigged::new(0.1), StdRng::seed_from_u64(SEED));
+    let (mut interrupted, mut frames) = (0, 0);
+    for kill in 0..KILLS {
+        let mut daemon = rigged.daemon();
+        let id = begin(&daemon);
+        std::thread::sleep(Duration::from_millis(random.random_range(0..1000)));
+        daemon.kill();
+        let before = rigged.pose.get().lamp_permille;
+
+        let mut daemon = rigged.daemon();
+        let found = session(&daemon, &id);
+        assert!(
+            found["state"] == "interrupted" || found["state"] == "completed",
+            "kill {kill} of seed {SEED}: {found}"
+        );
+        interrupted += usize::from(found["state"] == "interrupted");
+        frames += check_session(&rigged.data().join("sessions").join(&id));
+        until(&format!("the lamp to go off after kill {kill} (it was at {before})"), || {
+            rigged.pose.get().lamp_permille == 0
+        });
+        assert!(daemon.terminate().success());
+    }
+    assert!(
+        interrupted > KILLS / 2 && frames > 0,
+        "{interrupted} interrupted, {frames} frames: the moments are badly chosen"
+    );
+    let mut daemon = rigged.daemon();
+    let id = begin(&daemon);
+    daemon.wait_for_end(&format!("/v1/sessions/{id}"));
+    assert_eq!(session(&daemon, &id)["frames_committed"], 9);
+    assert!(daemon.terminate().success());
+    rigged.assert_at_rest("after the last session");
+}
+
+#[test]
+fn a_killed_daemon_s_lamp_goes_off_by_itself() {
+    let rigged = Rigged::new(60.0);
+    let mut daemon = rigged.daemon();
+    begin(&daemon);
+    until("the lamp", || rigged.pose.get().lamp_permille > 0);
+    daemon.kill();
+    until("the dead-man", || rigged.pose.get().lamp_permille == 0);
+}
+
+#[test]
+fn sigterm_in_any_state_ends_in_order_with_the_lamp_off_and_the_arm_parked() {
+    for state in ["preflight", "running", "paused"] {
+        let rigged = Rigged::new(if state == "preflight" { 60.0 } else { 0.1 });
+        let mut daemon = rigged.daemon();
+        let id = begin(&daemon);
+        until("the lamp", || rigged.pose.get().lamp_permille > 0);
+        if state == "paused" {
+            until("a pause to be taken", || {
+                daemon.call("POST", &format!("/v1/sessions/{id}/pause"), &[], "").status == 202
+            });
+        }
+        until(state, || session(&daemon, &id)["state"] == state);
+        assert!(daemon.terminate().success(), "{state}");
+        rigged.assert_at_rest(state);
+        let directory = rigged.data().join("sessions").join(&id);
+        check_session(&directory);
+        let journal = journal::read(&directory.join(journal::FILE)).unwrap();
+        assert_eq!(journal.records.last().unwrap()["state"], "interrupted", "{state}");
+        assert!(journal.records.iter().all(|record| record["type"] != "fault.raised"), "{state}");
+    }
+}
