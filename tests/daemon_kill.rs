@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Seed of the moments at which the daemon is killed.
 const SEED: u64 = 20_261_123;
-const KILLS: usize = 8;
+const KILLS: usize = 6;
 const ANGLES_DEG: [f64; 3] = [-30.0, 10.0, 50.0];
 const EXPOSURES: [&str; 3] = ["1/40", "1/8", "0.6"];
 const PARK_DEG: f64 = -7.5;

@@ -3,10 +3,12 @@
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
 use crate::session::handle::{MAX_MATERIALS, models, objectives};
+use crate::session::plan::{MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use rig_config::{Rig, Shutter};
+use std::ops::RangeInclusive;
 use utoipa::OpenApi;
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::path::Operation;
@@ -30,9 +32,6 @@ use utoipa_axum::routes;
     )
 )]
 struct Document;
-
-/// Most light stations of a session.
-const MAX_STATIONS: usize = 1000;
 
 /// Problems any operation may answer with.
 const ANYWHERE: &[(&str, &str)] = &[
@@ -85,10 +84,10 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     for (key, property) in &mut request.properties {
         match (key.as_str(), property) {
             ("name", RefOr::T(Schema::Object(text))) => text.pattern = Some(NAME.into()),
-            ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, |angle| {
+            ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_STATIONS, |angle| {
                 (angle.minimum, angle.maximum) = (Some(lower.into()), Some(upper.into()));
             }),
-            ("exposures", RefOr::T(Schema::Array(list))) => bound_items(list, |label| {
+            ("exposures", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_EXPOSURES, |label| {
                 label.enum_values = Some(Shutter::labels().map(Into::into).collect());
             }),
             ("materials", RefOr::T(Schema::Object(count))) => {
@@ -96,7 +95,7 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
             }
             ("model", RefOr::T(Schema::Object(name))) => name.enum_values = names(models()),
             ("objective", RefOr::T(Schema::Object(name))) => name.enum_values = names(objectives()),
-            ("leave_out", RefOr::T(Schema::Array(list))) => bound_items(list, |light| {
+            ("leave_out", RefOr::T(Schema::Array(list))) => bound_items(list, 0..=MAX_STATIONS, |light| {
                 light.maximum = Some(MAX_STATIONS.into());
             }),
             _ => {}
@@ -109,8 +108,9 @@ fn names(known: Vec<&str>) -> Option<Vec<serde_json::Value>> {
     Some(known.into_iter().map(Into::into).chain([serde_json::Value::Null]).collect())
 }
 
-/// Forbids repeated items, and lets `to_item` bound each.
-fn bound_items(list: &mut Array, to_item: impl FnOnce(&mut Object)) {
+/// Bounds the number of items, forbids repeated ones, and lets `to_item` bound each.
+fn bound_items(list: &mut Array, count: RangeInclusive<usize>, to_item: impl FnOnce(&mut Object)) {
+    (list.min_items, list.max_items) = (Some(*count.start()), Some(*count.end()));
     list.unique_items = true;
     if let ArrayItems::RefOrSchema(items) = &mut list.items
         && let RefOr::T(Schema::Object(item)) = items.as_mut()
