@@ -145,7 +145,9 @@ fn a_stopped_session_fits_what_it_has_and_can_be_fitted_again() {
     assert_eq!(stopped["state"], "stopped", "{stopped}");
     assert_eq!(daemon.get(&format!("{location}/material")).json()["report"]["materials"], 2);
 
-    for (body, reasons) in [(json!({"materials": 5, "objective": "least"}), 2), (json!({"model": "wardd", "leave_out": [99]}), 2)] {
+    for (body, reasons) in
+        [(json!({"materials": 5, "objective": "least"}), 2), (json!({"model": "wardd", "leave_out": [99]}), 2)]
+    {
         let refused = daemon.call("POST", &format!("{location}/fit"), &[JSON], &body.to_string());
         assert_eq!(refused.status, 422, "{}", refused.text);
         assert_eq!(refused.json()["reasons"].as_array().map(Vec::len), Some(reasons), "{}", refused.text);

@@ -82,7 +82,8 @@ fn pinned_points(mixture: &Mixture) -> Vec<usize> {
 fn at_bound(layout: Layout, mixture: &Mixture) -> Vec<bool> {
     let x = layout.pack(&mixture.materials);
     let bounds = layout.bounds(&mixture.materials);
-    let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * b.abs();
+    // No bound is an infinite one, and everything would be near that.
+    let near = |a: f64, b: f64| b.is_finite() && (a - b).abs() <= 1e-6 * b.abs();
     (0..x.len()).map(|i| near(x[i], bounds.lower[i]) || near(x[i], bounds.upper[i])).collect()
 }
 
@@ -236,6 +237,7 @@ mod tests {
             let options = Options { relative_decrease: 1e-8, ..Options::new(Objective::Noise) };
             let found = solve(&Ward, &noisy, truth.clone(), options, &mut |_, _| ControlFlow::Continue(()));
             let errors = uncertainty(&Ward, &found.mixture, Objective::Noise, &noisy);
+            assert!(errors.alpha.iter().all(Option::is_some), "no unknown is at a bound: {:?}", errors.alpha);
             let sigma = errors.alpha[6].unwrap_or(f64::NAN);
             pulls.push((found.mixture.materials[0].beta / truth.materials[0].beta).ln() / sigma);
         }
