@@ -51,6 +51,7 @@ fn every_refusal_is_a_problem() {
         ("POST", "/v1/sessions?dry_run=yes", &[JSON], SMALL, 400),
         ("POST", "/v1/sessions", &[JSON, ("idempotency-key", "")], SMALL, 400),
         ("POST", "/v1/sessions", &[JSON], r#"{"stations_deg": [900, -900], "exposures": ["1/90"]}"#, 422),
+        ("POST", "/v1/sessions", &[JSON], r#"{"exposures": ["1/20", "1/100"]}"#, 422),
     ];
     for (method, target, headers, body, status) in cases {
         let answer = daemon.call(method, target, headers, body);

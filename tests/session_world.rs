@@ -38,6 +38,10 @@ fn small(mut rig: Rig) -> Rig {
 struct NoProcessing;
 
 impl Processing for NoProcessing {
+    fn least_exposures(&self) -> usize {
+        1
+    }
+
     fn develop(&mut self, _: &Bracket) -> Result<(), String> {
         Ok(())
     }

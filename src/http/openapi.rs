@@ -3,7 +3,7 @@
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
 use crate::session::handle::{MAX_MATERIALS, models, objectives};
-use crate::session::plan::{MAX_EXPOSURES, MAX_STATIONS};
+use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -87,9 +87,11 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
             ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_STATIONS, |angle| {
                 (angle.minimum, angle.maximum) = (Some(lower.into()), Some(upper.into()));
             }),
-            ("exposures", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_EXPOSURES, |label| {
-                label.enum_values = Some(Shutter::labels().map(Into::into).collect());
-            }),
+            ("exposures", RefOr::T(Schema::Array(list))) => {
+                bound_items(list, LEAST_EXPOSURES..=MAX_EXPOSURES, |label| {
+                    label.enum_values = Some(Shutter::labels().map(Into::into).collect());
+                })
+            }
             ("materials", RefOr::T(Schema::Object(count))) => {
                 (count.minimum, count.maximum) = (Some(1.into()), Some(MAX_MATERIALS.into()));
             }

@@ -43,11 +43,12 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let (book, interrupted) = Book::open(store)?;
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
+    let least_exposures = processing.least_exposures();
     let jobs = worker::spawn(Arc::clone(&book), processing).map_err(no_thread)?;
     let bench = Bench::new(rig.clone(), open_arm, open_camera, interrupted > 0);
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
     std::thread::Builder::new().name("engine".into()).spawn(move || engine.run()).map_err(no_thread)?;
-    Ok(EngineHandle::new(book, rig, rig_text, jobs, speed))
+    Ok(EngineHandle::new(book, rig, rig_text, jobs, speed, least_exposures))
 }
 
 struct Engine {

@@ -126,16 +126,30 @@ pub struct EngineHandle {
     rig_text: Arc<str>,
     jobs: SyncSender<Job>,
     speed: f64,
+    least_exposures: usize,
 }
 
 impl EngineHandle {
-    pub(super) fn new(book: Arc<Book>, rig: Rig, rig_text: String, jobs: SyncSender<Job>, speed: f64) -> Self {
-        Self { book, rig: Arc::new(rig), rig_text: rig_text.into(), jobs, speed }
+    pub(super) fn new(
+        book: Arc<Book>,
+        rig: Rig,
+        rig_text: String,
+        jobs: SyncSender<Job>,
+        speed: f64,
+        least_exposures: usize,
+    ) -> Self {
+        Self { book, rig: Arc::new(rig), rig_text: rig_text.into(), jobs, speed, least_exposures }
     }
 
     /// The plan a request would run (dry run): checks everything, moves nothing.
     pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, EngineError> {
-        Ok(CapturePlan::new(&self.rig, request)?)
+        let plan = CapturePlan::new(&self.rig, request)?;
+        if plan.exposures.len() < self.least_exposures {
+            let (found, least) = (plan.exposures.len(), self.least_exposures);
+            let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");
+            return Err(PlanError { reasons: vec![reason] }.into());
+        }
+        Ok(plan)
     }
 
     /// Starts a session.
@@ -147,7 +161,7 @@ impl EngineHandle {
         {
             return Ok(earlier);
         }
-        let plan = CapturePlan::new(&self.rig, request)?;
+        let plan = self.plan(request)?;
         if inner.shutdown || inner.ended {
             return Err(EngineError::Gone);
         }
@@ -259,9 +273,9 @@ impl EngineHandle {
         if inner.shutdown || inner.ended {
             reasons.push(EngineError::Gone.to_string());
         }
-        match CapturePlan::new(&self.rig, &StartRequest::default()) {
+        match self.plan(&StartRequest::default()) {
             Ok(plan) => reasons.extend(inner.store.check_space(plan.estimated_bytes).err().map(|e| e.to_string())),
-            Err(error) => reasons.extend(error.reasons),
+            Err(error) => reasons.push(error.to_string()),
         }
         if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }

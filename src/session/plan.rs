@@ -61,6 +61,8 @@ pub struct PlanError {
 
 /// Most stations a plan may have: frame names hold three digits.
 pub const MAX_STATIONS: usize = 1000;
+/// Fewest exposures of a bracket that the pipeline can develop.
+pub const LEAST_EXPOSURES: usize = crate::numerics::radiometry::response::MIN_FRAMES;
 /// Most exposures a bracket may have: frame names hold two digits.
 pub const MAX_EXPOSURES: usize = 100;
 /// Longest name, characters.

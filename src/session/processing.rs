@@ -3,6 +3,7 @@
 use super::crop;
 use super::handle::FitRequest;
 use super::ledger::FrameRecord;
+use super::plan::LEAST_EXPOSURES;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::Response;
 use crate::pipeline::develop::{BracketFrame, develop};
@@ -39,6 +40,8 @@ pub struct FitJob {
 
 /// The worker's two pieces of work. Errors are reasons in words: they go to the journal.
 pub trait Processing: Send {
+    /// Exposures a bracket needs at least to be developed: a plan with fewer is refused before anything moves.
+    fn least_exposures(&self) -> usize;
     /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations.
     fn develop(&mut self, bracket: &Bracket) -> Result<(), String>;
     /// Fits and writes `result/`; returns the report.
@@ -73,6 +76,10 @@ impl PipelineProcessing {
 }
 
 impl Processing for PipelineProcessing {
+    fn least_exposures(&self) -> usize {
+        LEAST_EXPOSURES
+    }
+
     fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
         let files = read_frames(bracket)?;
         let frames: Vec<_> = bracket

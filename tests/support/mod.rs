@@ -369,6 +369,10 @@ impl Drop for FakeCamera {
 struct FakeProcessing(Fakes);
 
 impl Processing for FakeProcessing {
+    fn least_exposures(&self) -> usize {
+        1
+    }
+
     fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
         if let Some(reason) = self.0.step_script.lock().unwrap()(&format!("develop {}", bracket.station)) {
             return Err(reason);

@@ -40,7 +40,7 @@ const MIN_PIXELS: usize = 50;
 /// Rounds after the published objective.
 const PREDICTION_ROUNDS: usize = 3;
 /// Frames needed: two leave the curve undetermined between their ratio's powers.
-const MIN_FRAMES: usize = 3;
+pub const MIN_FRAMES: usize = 3;
 const CHANNEL_NAMES: [&str; 3] = ["red", "green", "blue"];
 
 /// Solves for the response of every channel from one bracket (Debevec & Malik 1997, Eq. 3) under the condition that it does
