@@ -336,3 +336,30 @@ fn a_fit_suspended_by_a_full_disk_can_be_stopped_aborted_and_shut_down() {
         fakes.assert_safe();
     }
 }
+
+#[test]
+fn a_disk_cleared_before_the_failed_develop_step_is_noticed_is_no_reason_to_fail() {
+    let fakes = Fakes::default();
+    let data = tempfile::tempdir().unwrap();
+    let engine = fakes.engine(data.path());
+    // Shot 4 is station 2, exposure 0; station 1 is developed, in vain, while it is taken.
+    let gate = fakes.gate_at(4);
+    let (disk, shot) = (fakes.disk.clone(), gate.clone());
+    let mut full = false;
+    fakes.on_step(move |now| {
+        (now == "develop 1" && !std::mem::replace(&mut full, true)).then(|| {
+            shot.reached();
+            disk.asked.store(0, Ordering::SeqCst);
+            disk.free.store(5000, Ordering::SeqCst);
+            "No space left on device".into()
+        })
+    });
+    let id = begin(&engine);
+    gate.reached();
+    until("the disk to fill up", || fakes.disk.free.load(Ordering::SeqCst) == 5000);
+    until("the worker to look at the room", || fakes.disk.asked.load(Ordering::SeqCst) >= 2);
+    fakes.disk.free.store(u64::MAX, Ordering::SeqCst);
+    gate.open();
+    assert_eq!(wait_for(&engine, &id, S::Completed).stations_developed, 3);
+    fakes.assert_safe();
+}

@@ -7,6 +7,7 @@ use super::handle::{EngineError, SessionSnapshot};
 use super::ledger::Ledger;
 use super::plan::CapturePlan;
 use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
+use super::worker::Fault;
 use crate::devices::Cancel;
 use crate::store::journal::Journal;
 use crate::store::manifest::{self, Manifest};
@@ -57,7 +58,7 @@ pub struct Entry {
     /// Seconds of wall time for each planned second.
     pub pace: f64,
     /// Why the worker cannot develop it, if so.
-    pub worker_fault: Option<String>,
+    pub worker_fault: Option<Fault>,
     journal: Option<Journal>,
     tail: Vec<Value>,
 }

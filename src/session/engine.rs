@@ -5,9 +5,9 @@ use super::bench::{Bench, OpenArm, OpenCamera};
 use super::book::{Book, Inner};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
-use super::room;
+use super::room::{self, Lack};
 use super::state::{Event, SessionState, WrongEvent};
-use super::worker::{self, Job, message};
+use super::worker::{self, Fault, Job, message};
 use crate::store::{Store, StoreError};
 use rig_config::Rig;
 use serde_json::json;
@@ -44,7 +44,7 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
-    let jobs = worker::spawn(Arc::clone(&book), processing).map_err(no_thread)?;
+    let jobs = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
     let bench = Bench::new(rig.clone(), open_arm, open_camera, interrupted > 0);
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
     std::thread::Builder::new().name("engine".into()).spawn(move || engine.run()).map_err(no_thread)?;
@@ -99,21 +99,19 @@ impl Engine {
 
     /// Fits what was shot; a fit that failed for lack of room is made again once there is some.
     fn fit(&self, id: &str, whole: bool) -> Result<(), Ended> {
-        loop {
-            match self.try_fit(id, whole) {
-                Err(Ended::Failed(reason)) if whole => self.outlast(id, reason)?,
-                ended => return ended,
-            }
+        while let Err(fault) = self.try_fit(id, whole)? {
+            self.outlast(id, fault)?;
         }
+        Ok(())
     }
 
-    /// Holds a failed fit up until there is room for it; an error when room is not what it lacks, or someone ends the session.
-    fn outlast(&self, id: &str, reason: String) -> Result<(), Ended> {
-        let Some(writer) = self.book.frame_writer(id) else { return Err(Ended::Failed(reason)) };
-        let Some((lack, bytes)) = room::lack_for_processing(&self.book, id, &self.rig, &writer) else {
+    /// Holds a failed fit up until there is room for it; an error when room is not what it lacked, or someone ends the session.
+    fn outlast(&self, id: &str, Fault { reason, lack }: Fault) -> Result<(), Ended> {
+        let reason = format!("the frames are kept, but there is no fit: {reason}");
+        let (Some(Lack { error, bytes }), Some(writer)) = (lack, self.book.frame_writer(id)) else {
             return Err(Ended::Failed(reason));
         };
-        room::wait_for(&self.book, id, &writer, bytes, &format!("{reason}; {lack}"), self.speed);
+        room::wait_for(&self.book, id, &writer, bytes, &format!("{reason}; {error}"), self.speed);
         if self.book.lock().shutdown {
             return Err(Ended::ShutDown);
         }
@@ -126,7 +124,7 @@ impl Engine {
     }
 
     /// Waits for the worker's fit. After a stop it is a bonus: what the frames do not give is no failure.
-    fn try_fit(&self, id: &str, whole: bool) -> Result<(), Ended> {
+    fn try_fit(&self, id: &str, whole: bool) -> Result<Result<(), Fault>, Ended> {
         let complete = self.book.look(id, |entry| entry.ledger.bracket(0).is_some()).unwrap_or(false);
         if !whole && !complete {
             return Err(Ended::Stopped);
@@ -144,8 +142,7 @@ impl Engine {
                 return Some(Err(Ended::Aborted));
             }
             let answer = answer.try_recv().ok()?;
-            let failed = |reason| Ended::Failed(format!("the frames are kept, but there is no fit: {reason}"));
-            Some(if whole { answer.map_err(failed) } else { Err(Ended::Stopped) })
+            Some(if whole { Ok(answer) } else { Err(Ended::Stopped) })
         };
         loop {
             if let Some(ended) = self.book.wait(Duration::from_secs(1), &mut look) {

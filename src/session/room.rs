@@ -30,12 +30,21 @@ pub fn wait_for(book: &Book, id: &str, writer: &FrameWriter, bytes: u64, reason:
     }
 }
 
-/// How much room is missing, and the bytes needed, when a failed develop step or fit may have failed for lack of it.
-pub fn lack_for_processing(book: &Book, id: &str, rig: &Rig, writer: &FrameWriter) -> Option<(StoreError, u64)> {
+/// Room that was missing when a step failed.
+pub struct Lack {
+    /// What is needed and what there is, in words.
+    pub error: StoreError,
+    /// Bytes that the steps still to come need.
+    pub bytes: u64,
+}
+
+/// Whether a develop step or a fit that has just failed may have failed for lack of room. Asked at once: a minute later the disk
+/// may have been cleared.
+pub fn lack(book: &Book, id: &str, rig: &Rig) -> Option<Lack> {
     let undeveloped = book.look(id, |e| e.plan.stations.len() - e.ledger.snapshot.stations_developed)?;
-    let bytes = processing_bytes(rig, undeveloped);
+    let (bytes, writer) = (processing_bytes(rig, undeveloped), book.frame_writer(id)?);
     if writer.fits(bytes) {
         return None;
     }
-    Some((writer.check_space(bytes).err()?, bytes))
+    Some(Lack { error: writer.check_space(bytes).err()?, bytes })
 }

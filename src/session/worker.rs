@@ -3,8 +3,10 @@
 use super::book::Book;
 use super::handle::FitRequest;
 use super::processing::{Bracket, FitJob, Processing};
+use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
+use rig_config::Rig;
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -33,20 +35,29 @@ pub enum Job {
         /// What differs from the rig file.
         request: FitRequest,
         /// Told how it went, if someone waits.
-        done: Option<SyncSender<Result<(), String>>>,
+        done: Option<SyncSender<Result<(), Fault>>>,
     },
 }
 
+/// Why a step of the worker's failed.
+pub struct Fault {
+    /// In words.
+    pub reason: String,
+    /// The room that was missing, when that may be the cause: then the step is made again once there is some.
+    pub lack: Option<Lack>,
+}
+
 /// Starts the worker's thread; it ends when every sender is gone.
-pub fn spawn(book: Arc<Book>, processing: Box<dyn Processing>) -> std::io::Result<SyncSender<Job>> {
+pub fn spawn(book: Arc<Book>, rig: Rig, processing: Box<dyn Processing>) -> std::io::Result<SyncSender<Job>> {
     let (sender, jobs) = sync_channel(QUEUE);
-    let worker = Worker { book, processing };
+    let worker = Worker { book, rig, processing };
     std::thread::Builder::new().name("worker".into()).spawn(move || worker.run(&jobs))?;
     Ok(sender)
 }
 
 struct Worker {
     book: Arc<Book>,
+    rig: Rig,
     processing: Box<dyn Processing>,
 }
 
@@ -57,10 +68,11 @@ impl Worker {
                 Job::Develop { session, station } => self.develop_live(&session, station),
                 Job::Fit { session, request, done } => {
                     let result = self.fit(&session, request);
+                    let outcome = result.as_ref().map(|_| ()).map_err(|reason| self.fault(&session, reason));
                     self.journal_fit(&session, &result);
                     if let Some(done) = done {
                         // The engine may have gone on without the fit.
-                        let _ = done.send(result.map(|_| ()));
+                        let _ = done.send(outcome);
                     }
                 }
             }
@@ -74,8 +86,13 @@ impl Worker {
             return;
         }
         if let Err(reason) = self.develop(session, station) {
-            self.book.look(session, |entry| entry.worker_fault = Some(reason));
+            let fault = self.fault(session, &reason);
+            self.book.look(session, |entry| entry.worker_fault = Some(fault));
         }
+    }
+
+    fn fault(&self, session: &str, reason: &str) -> Fault {
+        Fault { reason: reason.to_owned(), lack: room::lack(&self.book, session, &self.rig) }
     }
 
     fn develop(&mut self, session: &str, station: usize) -> Result<(), String> {

@@ -406,6 +406,8 @@ pub struct TestDisk {
     /// Nothing can be written, whatever `free` says.
     pub full: AtomicBool,
     pub steps: AtomicU64,
+    /// How often the room was asked for.
+    pub asked: AtomicU64,
 }
 
 impl Default for TestDisk {
@@ -416,13 +418,16 @@ impl Default for TestDisk {
             dead: AtomicBool::new(false),
             full: AtomicBool::new(false),
             steps: AtomicU64::new(0),
+            asked: AtomicU64::new(0),
         }
     }
 }
 
 impl Disk for TestDisk {
     fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
-        Ok(self.free.load(Ordering::SeqCst))
+        let free = self.free.load(Ordering::SeqCst);
+        self.asked.fetch_add(1, Ordering::SeqCst);
+        Ok(free)
     }
 
     fn before(&self, step: Step) -> io::Result<()> {

@@ -2,8 +2,9 @@
 
 use super::{Acquisition, Ended, Trouble};
 use crate::session::book::{Entry, Inner};
-use crate::session::room;
+use crate::session::room::{self, Lack};
 use crate::session::state::{Event, SessionState};
+use crate::session::worker::Fault;
 use crate::store::StoreError;
 use serde_json::json;
 use std::time::{Duration, Instant};
@@ -22,10 +23,10 @@ impl Acquisition<'_> {
     }
 
     /// A station that could not be developed ends the session, unless the disk was full: then it is developed before the fit.
-    fn outlast(&mut self, fault: String) -> Result<(), Ended> {
-        match room::lack_for_processing(self.book, self.id, self.rig, &self.writer) {
-            Some((lack, bytes)) => self.wait_for_room(&format!("{fault}; {lack}"), bytes),
-            None => Err(Ended::Failed(fault)),
+    fn outlast(&mut self, Fault { reason, lack }: Fault) -> Result<(), Ended> {
+        match lack {
+            Some(Lack { error, bytes }) => self.wait_for_room(&format!("{reason}; {error}"), bytes),
+            None => Err(Ended::Failed(reason)),
         }
     }
 
