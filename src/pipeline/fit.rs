@@ -19,6 +19,9 @@ use std::time::Instant;
 /// A point needs this many samples, or as many as there are lights if those are fewer.
 const LEAST_SAMPLES: usize = 3;
 
+/// Most worker threads that can be asked for.
+const MAX_THREADS: usize = 256;
+
 /// What to fit and how.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitOptions {
@@ -138,6 +141,9 @@ fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
     }
     if options.materials.is_some_and(|m| m == 0 || m > MAX_MATERIALS) {
         return Err(FitError::Input(format!("materials must be 1 to {MAX_MATERIALS}, or auto")));
+    }
+    if options.threads.is_some_and(|threads| !(1..=MAX_THREADS).contains(&threads)) {
+        return Err(FitError::Input(format!("threads must be 1 to {MAX_THREADS}; left out, all cores work")));
     }
     let cutoff = options.cosine_cutoff.unwrap_or(dataset.geometry.cosine_cutoff);
     if !(0.0..1.0).contains(&cutoff) {

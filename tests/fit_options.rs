@@ -1,0 +1,60 @@
+//! Options and data that cannot be fitted are refused with what and what to do.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+use rigd::numerics::geometry::{Light, Projection, Sphere, Vec3};
+use rigd::numerics::image::{Image, RadianceImage};
+use rigd::pipeline::dataset::{Dataset, Geometry, NamedLight};
+use rigd::pipeline::fit::{FitOptions, fit};
+use std::ops::ControlFlow;
+
+/// A small ball of one grey material under three distant lights, radiance computed by Lambert's law.
+fn ball() -> Dataset {
+    let object = Sphere { center: Vec3::new(8.0, 8.0, 0.0), radius: 7.0 };
+    let projection = Projection::Orthographic { mm_per_px: 1.0 };
+    let directions = [[0.0, 0.0, -1.0], [0.5, 0.0, -0.8], [-0.4, 0.3, -0.8]].map(|d| Vec3::from(d).normalize());
+    let image = |direction: &Vec3| {
+        let shade = |i: usize| {
+            let ray = projection.ray((i % 16) as f64 + 0.5, (i / 16) as f64 + 0.5);
+            let point = object.intersect(&ray);
+            [point.map_or(0.0, |p| 0.2 * p.normal.dot(direction).max(0.0) as f32); 3]
+        };
+        RadianceImage {
+            radiance: Image { width: 16, height: 16, pixels: (0..256).map(shade).collect() },
+            variance: None,
+            valid: Image::filled(16, 16, true),
+        }
+    };
+    let images = directions.iter().map(image).collect();
+    let light = |(i, direction): (usize, &Vec3)| NamedLight {
+        name: format!("{i}.png"),
+        light: Light::Distant { direction: *direction, irradiance: [1.0; 3] },
+    };
+    let lights = directions.iter().enumerate().map(light).collect();
+    let geometry = Geometry { width: 16, height: 16, projection, object, mask: None, lights, cosine_cutoff: 0.2 };
+    Dataset { geometry, images }
+}
+
+fn refusal(options: FitOptions) -> String {
+    fit(&ball(), &options, &mut |_| ControlFlow::Continue(())).map(|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn what_cannot_be_used_is_named() {
+    let lambert = || FitOptions { model: "lambert".into(), materials: Some(1), ..FitOptions::default() };
+    assert!(refusal(FitOptions { threads: Some(0), ..lambert() }).contains("threads"));
+    assert!(refusal(FitOptions { threads: Some(10_000_000), ..lambert() }).contains("1 to 256"));
+    assert!(refusal(FitOptions { materials: Some(5), ..lambert() }).contains("1 to 4"));
+    assert!(refusal(FitOptions { leave_out: vec![3], ..lambert() }).contains("3 lights"));
+    assert!(refusal(FitOptions { leave_out: vec![0, 1, 2], ..lambert() }).contains("every light"));
+    assert!(refusal(FitOptions { cosine_cutoff: Some(f64::NAN), ..lambert() }).contains("cut-off"));
+    assert!(refusal(FitOptions { model: "wardd".into(), ..lambert() }).contains("ward"));
+    assert!(refusal(FitOptions { solver: "magic".into(), ..lambert() }).contains("zheng2008"));
+}
+
+#[test]
+fn a_lambert_ball_is_fitted_without_error() {
+    let options = FitOptions { model: "lambert".into(), materials: Some(1), ..FitOptions::default() };
+    let result = fit(&ball(), &options, &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!(result.report.mean_relative_error < 1e-6, "{}", result.report.mean_relative_error);
+    assert!((result.material.materials[0].rho_d[0].value - 0.2 * std::f64::consts::PI).abs() < 1e-5);
+}
