@@ -50,7 +50,7 @@ fn twenty_mistakes_are_all_listed() {
         ("park_deg = 0.0", "park_deg = 200.0"),
         ("level_permille = 800", "level_permille = 1001"),
         ("circle_radius_mm = 600.0", "circle_radius_mm = 20.0"),
-        ("intensity = [4.0e5, 3.6e5, 3.0e5]", "intensity = [4.0e5, 0.0]"),
+        ("intensity = [9.0e6, 8.0e6, 7.0e6]", "intensity = [4.0e5, 0.0]"),
         ("width = 288", "width = 0"),
         ("focal_px = [3300.0, 3300.0]", "focal_px = [3300.0, inf]"),
         ("iso = 100", "iso = 100.5"),
