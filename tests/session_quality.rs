@@ -27,7 +27,8 @@ fn a_real_5d_frame_is_judged_by_its_own_exif() {
         eprintln!("skipped: {} is not there (set RIGD_SHARED)", path.display());
         return;
     };
-    let size = (4368, 2912);
+    // Held upright: the file is portrait.
+    let size = (2912, 4368);
     assert_eq!(judge(bytes.clone(), &shot("1/160", 5.0, 160), size), Ok(()));
     for (wrong, reason) in [
         (shot("1/200", 5.0, 160), "shutter speed"),
@@ -38,7 +39,7 @@ fn a_real_5d_frame_is_judged_by_its_own_exif() {
         let error = judge(bytes.clone(), &wrong, size).unwrap_err();
         assert!(error.contains(reason), "{error}");
     }
-    assert!(judge(bytes.clone(), &shot("1/160", 5.0, 160), (4368, 2911)).unwrap_err().contains("4368 x 2912"));
+    assert!(judge(bytes.clone(), &shot("1/160", 5.0, 160), (4368, 2912)).unwrap_err().contains("2912 x 4368"));
     let cut = bytes[..bytes.len() / 2].to_vec();
     assert!(judge(cut, &shot("1/160", 5.0, 160), size).unwrap_err().contains("cut off"));
 }
