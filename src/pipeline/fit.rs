@@ -183,7 +183,7 @@ fn run(
     let begin = Instant::now();
     let cpu_begin = cpu_seconds();
     let all = observe(dataset, chosen);
-    let used_lights = dataset.geometry.lights.len() - options.leave_out.len();
+    let used_lights = (0..dataset.geometry.lights.len()).filter(|light| !options.leave_out.contains(light)).count();
     let (observations, kept) =
         all.filtered(LEAST_SAMPLES.min(used_lights), |light| !options.leave_out.contains(&light));
     if observations.points() == 0 {

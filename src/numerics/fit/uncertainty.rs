@@ -90,6 +90,9 @@ fn at_bound(layout: Layout, mixture: &Mixture) -> Vec<bool> {
 /// Square roots of the diagonal of the inverse, over the unknowns not at a bound, in units of each unknown's own scale.
 fn standard_errors(schur: &DMatrix<f64>, fixed: &[bool], scale: f64) -> Vec<Option<f64>> {
     let free: Vec<usize> = (0..fixed.len()).filter(|&i| !fixed[i] && schur[(i, i)] > 0.0).collect();
+    if free.is_empty() {
+        return vec![None; fixed.len()];
+    }
     let d: Vec<f64> = free.iter().map(|&i| schur[(i, i)].sqrt()).collect();
     let scaled = DMatrix::from_fn(free.len(), free.len(), |i, j| schur[(free[i], free[j])] / (d[i] * d[j]));
     let mut errors = vec![None; fixed.len()];
