@@ -4,14 +4,13 @@ use super::dataset::Dataset;
 use super::identify;
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
 use crate::numerics::brdf::{self, Lobe};
-use crate::numerics::fit::initialise::initialise;
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::{Observations, Scene};
 use crate::numerics::fit::quality::{judge_all, judge_left_out};
 use crate::numerics::fit::selection::select_materials;
+use crate::numerics::fit::solver::{self, Solution, Solver, Task, Termination};
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
 use crate::numerics::fit::weights::WeightRule;
-use crate::numerics::fit::zheng2008::{self, Options, Solution, Termination};
 use crate::numerics::fit::{MAX_MATERIALS, Mixture};
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -106,6 +105,7 @@ struct Chosen {
     lobe: &'static dyn Lobe,
     objective: Objective,
     rule: WeightRule,
+    solver: &'static dyn Solver,
     cutoff: f64,
 }
 
@@ -136,9 +136,8 @@ fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
         .ok_or_else(|| one_of("objective", &options.objective, &Objective::ALL.map(|(name, _)| name)))?;
     let rule = WeightRule::by_name(&options.weights)
         .ok_or_else(|| one_of("weight rule", &options.weights, &["exact", "paper"]))?;
-    if options.solver != "zheng2008" {
-        return Err(one_of("solver", &options.solver, &["zheng2008"]));
-    }
+    let solvers: Vec<&str> = solver::SOLVERS.iter().map(|s| s.name()).collect();
+    let solver = solver::by_name(&options.solver).ok_or_else(|| one_of("solver", &options.solver, &solvers))?;
     if options.materials.is_some_and(|m| m == 0 || m > MAX_MATERIALS) {
         return Err(FitError::Input(format!("materials must be 1 to {MAX_MATERIALS}, or auto")));
     }
@@ -159,7 +158,7 @@ fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
     if (0..lights).all(|light| options.leave_out.contains(&light)) {
         return Err(FitError::Input("every light is left out: keep at least one to fit".to_owned()));
     }
-    Ok(Chosen { lobe, objective, rule, cutoff })
+    Ok(Chosen { lobe, objective, rule, solver, cutoff })
 }
 
 fn observe(dataset: &Dataset, chosen: &Chosen) -> Observations {
@@ -192,12 +191,11 @@ fn run(
     let observed = Instant::now();
 
     let (materials, candidates) = choose_materials(options, chosen, &observations, progress)?;
-    let start = initialise(chosen.lobe, &observations, materials);
     let initialised = Instant::now();
 
-    let settings = Options { rule: chosen.rule, ..Options::new(chosen.objective) };
+    let task = Task { lobe: chosen.lobe, objective: chosen.objective, materials, rule: chosen.rule };
     let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
-    let mut solution = zheng2008::solve(chosen.lobe, &observations, start, settings, &mut report_progress);
+    let mut solution = chosen.solver.solve(&observations, &task, &mut report_progress);
     if solution.termination == Termination::Cancelled {
         return Err(FitError::Cancelled);
     }

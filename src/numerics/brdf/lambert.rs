@@ -1,6 +1,6 @@
 //! Lambert: diffuse only.
 
-use super::Lobe;
+use super::{Family, Fixed, Lobe};
 use crate::numerics::geometry::Angles;
 
 /// No lobe at all.
@@ -11,11 +11,11 @@ impl Lobe for Lambert {
         "lambert"
     }
 
-    fn has_lobe(&self) -> bool {
-        false
+    fn family(&self) -> Family {
+        Family::None
     }
 
-    fn value_and_slope(&self, _: &Angles, _: f64) -> (f64, f64) {
-        (0.0, 0.0)
+    fn fixed(&self, _: &Angles) -> Fixed {
+        Fixed { exponent: 0.0, scale: 0.0 }
     }
 }

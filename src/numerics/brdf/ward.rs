@@ -1,6 +1,6 @@
 //! Isotropic Ward (Ward 1992) as printed in paper Eq. 4.
 
-use super::Lobe;
+use super::{Family, Fixed, Lobe};
 use crate::numerics::geometry::Angles;
 use std::f64::consts::PI;
 
@@ -12,14 +12,11 @@ impl Lobe for Ward {
         "ward"
     }
 
-    fn has_lobe(&self) -> bool {
-        true
+    fn family(&self) -> Family {
+        Family::Exponential
     }
 
-    fn value_and_slope(&self, angles: &Angles, beta: f64) -> (f64, f64) {
-        let beta2 = beta * beta;
-        let exponent = angles.tan2_half / beta2;
-        let value = (-exponent).exp() / ((angles.cos_i * angles.cos_r).sqrt() * 4.0 * PI * beta2);
-        (value, value * (2.0 * exponent - 2.0))
+    fn fixed(&self, angles: &Angles) -> Fixed {
+        Fixed { exponent: angles.tan2_half, scale: 1.0 / ((angles.cos_i * angles.cos_r).sqrt() * 4.0 * PI) }
     }
 }

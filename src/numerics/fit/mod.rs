@@ -13,6 +13,7 @@ pub mod objective;
 pub mod observations;
 pub mod quality;
 pub mod selection;
+pub mod solver;
 pub mod uncertainty;
 pub mod weights;
 pub mod zheng2008;

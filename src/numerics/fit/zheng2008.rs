@@ -4,10 +4,10 @@
 use super::levmar::Stop;
 use super::objective::Objective;
 use super::observations::Observations;
+use super::solver::{OnIteration, Solution, Termination};
 use super::weights::{WeightRule, solve_weights};
 use super::{Mixture, alpha, gauge};
 use crate::numerics::brdf::Lobe;
-use std::ops::ControlFlow;
 
 /// How the alternation runs.
 #[derive(Clone, Copy, Debug)]
@@ -28,30 +28,6 @@ impl Options {
     pub fn new(objective: Objective) -> Self {
         Self { objective, rule: WeightRule::Exact, iterations: 300, relative_decrease: 1e-6 }
     }
-}
-
-/// Why the alternation ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Termination {
-    /// A round gained less than asked.
-    Converged,
-    /// The permitted rounds were used up.
-    IterationLimit,
-    /// The caller broke off.
-    Cancelled,
-}
-
-/// What came out.
-#[derive(Clone, Debug)]
-pub struct Solution {
-    /// The mixture, in normal form under [`WeightRule::Exact`].
-    pub mixture: Mixture,
-    /// Cost of the objective.
-    pub cost: f64,
-    /// Rounds done.
-    pub iterations: usize,
-    /// Why it ended.
-    pub termination: Termination,
 }
 
 /// Stop rule of the BRDF half-step: finer than what a round gains, or the rounds would inherit its error.
@@ -79,7 +55,7 @@ pub fn solve(
     observations: &Observations,
     start: Mixture,
     options: Options,
-    progress: &mut dyn FnMut(usize, f64) -> ControlFlow<()>,
+    progress: OnIteration<'_>,
 ) -> Solution {
     let mut mixture = start;
     let mut cost = f64::INFINITY;
@@ -104,7 +80,7 @@ pub fn solve(
         gauge::normalise(&mut mixture);
     }
     let cost = alpha::cost(lobe, &mixture, options.objective, observations);
-    Solution { mixture, cost, iterations, termination }
+    Solution { mixture, cost, iterations, termination, notes: Vec::new() }
 }
 
 #[cfg(test)]
@@ -113,6 +89,7 @@ mod tests {
     use crate::numerics::brdf::ward::Ward;
     use crate::numerics::fit::initialise::initialise;
     use crate::numerics::fit::observations::tests::synthetic;
+    use std::ops::ControlFlow;
 
     /// From the paper's start, noise-free data of two materials lead back to the materials that made them.
     #[test]
