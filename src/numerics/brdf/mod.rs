@@ -13,8 +13,6 @@ pub mod ggx;
 pub mod lafortune;
 pub mod lambert;
 mod microfacet;
-#[cfg(test)]
-mod physics;
 pub mod torrance_sparrow;
 pub mod ward;
 pub mod ward_duer;

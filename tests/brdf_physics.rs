@@ -1,13 +1,14 @@
 //! What every lobe must obey: its own slope, reciprocity, finite values, and energy, by quadrature over the hemisphere.
 
-use super::microfacet::fresnel_gain;
-use super::{Lobe, MODELS, by_name};
-use crate::numerics::geometry::{Angles, Vec3};
+#![allow(clippy::unwrap_used, missing_docs)]
+
 use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rigd::numerics::brdf::{Lobe, MODELS, by_name};
+use rigd::numerics::geometry::{Angles, Vec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn lobe(name: &str) -> &'static dyn Lobe {
-    by_name(name).unwrap_or_else(|| unreachable!("no model {name}"))
+    by_name(name).unwrap()
 }
 
 /// A direction above the surface (normal +z), polar angle up to 85 degrees.
@@ -99,6 +100,11 @@ fn albedo(model: &dyn Lobe, beta: f64, view_degrees: f64, gain: fn(&Angles) -> f
 
 fn no_gain(_: &Angles) -> f64 {
     1.0
+}
+
+/// Schlick's reflectance with F0 = 0.04 over that at normal incidence.
+fn fresnel_gain(angles: &Angles) -> f64 {
+    (0.04 + 0.96 * (1.0 - ((1.0 + angles.cos_iv) / 2.0).sqrt()).powi(5)) / 0.04
 }
 
 #[test]
