@@ -30,7 +30,8 @@ fn ball() -> Dataset {
         light: Light::Distant { direction: *direction, irradiance: [1.0; 3] },
     };
     let lights = directions.iter().enumerate().map(light).collect();
-    let geometry = Geometry { width: 16, height: 16, projection, object, mask: None, lights, cosine_cutoff: 0.2 };
+    let geometry =
+        Geometry { width: 16, height: 16, projection, object: object.into(), mask: None, lights, cosine_cutoff: 0.2 };
     Dataset { geometry, images }
 }
 
