@@ -20,8 +20,8 @@ pub struct Args {
     /// Number of materials, 1 to 4, or auto: left-out lights decide.
     #[arg(long, default_value = "auto", value_parser = parse_materials)]
     pub materials: Materials,
-    /// BRDF model: ward, lambert.
-    #[arg(long, default_value = "ward")]
+    /// BRDF model, by name.
+    #[arg(long, default_value = "ward", help = format!("BRDF model: {}", crate::numerics::brdf::names().join(", ")))]
     pub model: String,
     /// Solver: zheng2008.
     #[arg(long, default_value = "zheng2008")]

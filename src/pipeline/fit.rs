@@ -27,7 +27,7 @@ const MAX_THREADS: usize = 256;
 pub struct FitOptions {
     /// Number of materials; none lets left-out lights decide.
     pub materials: Option<usize>,
-    /// BRDF model name (`numerics::brdf::MODELS`).
+    /// BRDF model name, one of [`brdf::names`].
     pub model: String,
     /// Solver name; `zheng2008` is the one there is.
     pub solver: String,
@@ -131,8 +131,7 @@ fn one_of(what: &str, name: &str, known: &[&str]) -> FitError {
 }
 
 fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
-    let models: Vec<&str> = brdf::MODELS.iter().map(|m| m.name()).collect();
-    let lobe = brdf::by_name(&options.model).ok_or_else(|| one_of("BRDF model", &options.model, &models))?;
+    let lobe = brdf::by_name(&options.model).ok_or_else(|| one_of("BRDF model", &options.model, &brdf::names()))?;
     let objective = Objective::by_name(&options.objective)
         .ok_or_else(|| one_of("objective", &options.objective, &Objective::ALL.map(|(name, _)| name)))?;
     let rule = WeightRule::by_name(&options.weights)

@@ -47,7 +47,7 @@ pub fn check_rig(fit: &rig_config::Fit) -> Result<(), PlanError> {
 
 /// Names of the BRDF models.
 pub fn models() -> Vec<&'static str> {
-    brdf::MODELS.iter().map(|model| model.name()).collect()
+    brdf::names()
 }
 
 /// Names of the objectives.
