@@ -97,6 +97,24 @@ pub fn weights_at(level: Level, prepared: &Prepared, materials: &[Material], sig
     (chunks.into_iter().flat_map(|chunk| chunk.0).collect(), cost)
 }
 
+/// Standard deviations of the weights of all points for fixed BRDF parameters and residuals of unit variance; 0 for one that
+/// is held at zero.
+pub fn deviations(prepared: &Prepared, materials: &[Material], sign: Sign) -> Vec<f64> {
+    let count = materials.len();
+    let chunks: Vec<Vec<f64>> = (0..prepared.blocks().div_ceil(BLOCKS))
+        .into_par_iter()
+        .map(|chunk| {
+            let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
+            let points = prepared.points.min(blocks.end * LANES) - blocks.start * LANES;
+            let mut sigma = vec![0.0; CHUNK * count];
+            Level::best().run(Pass { prepared, materials, sign, blocks, out: Out::Deviations(&mut sigma) });
+            sigma.truncate(points * count);
+            sigma
+        })
+        .collect();
+    chunks.concat()
+}
+
 /// Sums of a chunk, one lane a point: `N` unknowns with a triangle of `H` entries.
 struct Totals<const N: usize, const H: usize> {
     cost: Lane,
@@ -128,6 +146,7 @@ enum Out<'a> {
     Normal(&'a mut Sums),
     /// Weights and cost.
     Weights(&'a mut [f64], &'a mut Lane),
+    Deviations(&'a mut [f64]),
 }
 
 /// A pass over the blocks of one chunk.
@@ -175,13 +194,11 @@ impl Pass<'_> {
                     Out::Weights(gamma, cost) => {
                         let found = point.quadratic(&scratch).minimise(sign).gamma;
                         accumulate(cost, part, point.cost(prepared.cauchy, &scratch, &found));
-                        for m in 0..M {
-                            let mut lane = [0.0; LANES];
-                            found[m].store(&mut lane, part);
-                            for i in part * V::WIDTH..(part + 1) * V::WIDTH {
-                                gamma[(index * LANES + i) * M + m] = f64::from(lane[i]);
-                            }
-                        }
+                        scatter(&found, part, index, gamma);
+                    }
+                    Out::Deviations(sigma) => {
+                        let minimum = point.quadratic(&scratch).minimise(sign);
+                        scatter(&minimum.deviations(), part, index, sigma);
                     }
                 }
             }
@@ -589,6 +606,18 @@ impl<const M: usize> Point<'_, M> {
     }
 }
 
+/// Writes what one vector of points found for every material.
+#[inline(always)]
+fn scatter<V: Vector, const M: usize>(values: &[V; M], part: usize, block: usize, out: &mut [f64]) {
+    for m in 0..M {
+        let mut lane = [0.0; LANES];
+        values[m].store(&mut lane, part);
+        for i in part * V::WIDTH..(part + 1) * V::WIDTH {
+            out[(block * LANES + i) * M + m] = f64::from(lane[i]);
+        }
+    }
+}
+
 /// Adds the cost of a residual: its square, or Cauchy's function of it.
 #[inline(always)]
 fn add_cost<V: Vector>(cauchy: Option<f32>, residual: V, cost: V) -> V {
@@ -697,6 +726,25 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
             most = gain.max(most);
         }
         best
+    }
+}
+
+impl<V: Vector, const M: usize> Minimum<V, M> {
+    /// Square roots of the diagonal of the inverse.
+    #[inline(always)]
+    fn deviations(&self) -> [V; M] {
+        let mut deviations = [V::splat(0.0); M];
+        for m in 0..M {
+            let mut column = [V::splat(0.0); M];
+            column[m] = self.free[m];
+            self.factor.forward(&mut column);
+            let mut square = V::splat(0.0);
+            for value in column {
+                square = value.mul_add(value, square);
+            }
+            deviations[m] = square.sqrt();
+        }
+        deviations
     }
 }
 

@@ -239,6 +239,18 @@ impl Observations {
         self.changed(least, |_, sample| keep(sample.light).then_some(sample))
     }
 
+    /// The same with the irradiance of each light times its gain.
+    pub fn with_gains(&self, gains: &[f64]) -> Self {
+        let mut changed = self.clone();
+        for row in &mut changed.rows {
+            for lane in 0..LANES {
+                let gain = gains[usize::from(row.light[lane])] as f32;
+                row.irradiance.iter_mut().for_each(|channel| channel[lane] *= gain);
+            }
+        }
+        changed
+    }
+
     /// The points of these indices.
     pub fn select(&self, points: &[usize]) -> Self {
         let mut kept = Self::new(self.lights);

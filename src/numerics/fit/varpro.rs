@@ -151,7 +151,7 @@ fn solve(observations: &Observations, task: &Task, extent: Extent, progress: OnI
 
 /// What the samples of a task are made ready with.
 pub fn recipe<'a>(task: &'a Task, observations: &Observations) -> Recipe<'a> {
-    Recipe { lobe: task.lobe, objective: task.objective, gains: None, brightness: brightness(observations) }
+    Recipe { lobe: task.lobe, objective: task.objective, brightness: brightness(observations) }
 }
 
 /// BRDF parameters and how they were found.
@@ -234,7 +234,7 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
         (false, true) => Termination::Converged,
         (false, false) => Termination::IterationLimit,
     };
-    Solution { mixture, cost, iterations: alpha.found.iterations, termination, notes: alpha.notes }
+    Solution { mixture, cost, iterations: alpha.found.iterations, termination, sign: alpha.sign, notes: alpha.notes }
 }
 
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points
