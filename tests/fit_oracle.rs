@@ -26,9 +26,9 @@ struct Oracle {
 
 #[derive(Deserialize)]
 struct Seen {
-    normal: [f64; 3],
-    light: [f64; 3],
-    view: [f64; 3],
+    cos_i: f64,
+    cos_r: f64,
+    tan2_half: f64,
     irradiance: [f64; 3],
     radiance: [f64; 3],
 }
@@ -84,9 +84,9 @@ fn observations(oracle: &Oracle) -> Observations {
     let mut all = Observations::new(7);
     for (index, point) in oracle.points.iter().enumerate() {
         let sample = |(light, s): (usize, &Seen)| {
-            let angles = angles(s.normal, s.light, s.view);
-            let irradiance = s.irradiance.map(|l| l * angles.cos_i);
-            Sample { light, angles, irradiance, radiance: s.radiance, variance: [0.0; 3] }
+            // No equation of the paper looks at the cosine between light and view.
+            let angles = Angles { cos_i: s.cos_i, cos_r: s.cos_r, tan2_half: s.tan2_half, cos_iv: 0.0 };
+            Sample { light, angles, irradiance: s.irradiance, radiance: s.radiance, variance: [0.0; 3] }
         };
         let samples: Vec<Sample> = point.iter().enumerate().map(sample).collect();
         all.push(index, &samples);

@@ -20,18 +20,27 @@ FILE = os.path.join(HERE, "zheng2008.json")
 TRUTH = [([0.55, 0.40, 0.30], [0.06, 0.05, 0.05], 0.14), ([0.12, 0.22, 0.38], [0.04, 0.05, 0.06], 0.24)]
 
 
-def ward(n, l, v, rho_d, rho_s, beta):
-    """Eq. 4 from vectors; returns the BRDF per channel."""
+def angles(n, l, v):
+    """cos theta_i, cos theta_r, tan^2 of the half angle."""
     h = l + v
     h /= np.linalg.norm(h)
-    cos_h, cos_i, cos_r = n @ h, n @ l, n @ v
-    tan2 = (1.0 - cos_h**2) / cos_h**2
+    cos_h = n @ h
+    return n @ l, n @ v, (1.0 - cos_h**2) / cos_h**2
+
+
+def ward(cos_i, cos_r, tan2, rho_d, rho_s, beta):
+    """Eq. 4; returns the BRDF per channel."""
     lobe = math.exp(-tan2 / beta**2) / (4 * math.pi * beta**2) / math.sqrt(cos_i * cos_r)
     return np.array(rho_d) / math.pi + np.array(rho_s) * lobe
 
 
+def rounded(values):
+    return np.float32(values).astype(float)
+
+
 def problem(rng):
-    """Points of a ball, seven near lights, 1 % noise; a sample is (normal, to light, to view, light l_c, radiance)."""
+    """Points of a ball, seven near lights, 1 % noise; a sample is (cos_i, cos_r, tan2, l_c cos_i, radiance), rounded to f32 as
+    the product keeps its observations."""
     lights = [np.array([600 * math.sin(a), 0.0, 1500 - 600 * math.cos(a)]) for a in np.radians([-55, -20, 15, 50, 85, 115, 140])]
     centre, radius, points = np.array([0.0, 0.0, 1500.0]), 30.0, []
     while len(points) < 60:
@@ -50,9 +59,10 @@ def problem(rng):
             if n @ l <= 0.1 or n @ v <= 0.1:
                 continue
             irradiance = np.array([4.0e5, 3.6e5, 3.0e5]) / (d @ d)
-            f = sum(gm * ward(n, l, v, *m) for gm, m in zip(gamma, TRUTH))
+            seen = angles(n, l, v)
+            f = sum(gm * ward(*seen, *m) for gm, m in zip(gamma, TRUTH))
             radiance = irradiance * (n @ l) * f * (1 + 0.01 * rng.standard_normal(3))
-            samples.append((n, l, v, irradiance, radiance))
+            samples.append((*(float(np.float32(a)) for a in seen), rounded(irradiance * (n @ l)), rounded(radiance)))
         if len(samples) >= 3:
             points.append(samples)
     return points
@@ -60,8 +70,8 @@ def problem(rng):
 
 def ratio(s):
     """I / R of Eq. 5-6 per channel."""
-    n, l, _, irradiance, radiance = s
-    return radiance / (irradiance * (n @ l) / math.pi)
+    _, _, _, irradiance, radiance = s
+    return radiance / (irradiance / math.pi)
 
 
 def eq8(points):
@@ -80,8 +90,8 @@ def eq8(points):
 
 
 def model(samples, gamma, alpha):
-    return np.array([sum(g * irradiance * (n @ l) * ward(n, l, v, *m) for g, m in zip(gamma, alpha))
-                     for n, l, v, irradiance, _ in samples])
+    return np.array([sum(g * irradiance * ward(*seen, *m) for g, m in zip(gamma, alpha))
+                     for *seen, irradiance, _ in samples])
 
 
 def measured(samples):
@@ -145,19 +155,20 @@ def compute():
     rng = np.random.default_rng(2008)
     points = problem(rng)
     eq4 = []
-    for samples in points[:20]:
-        n, l, v, _, _ = samples[0]
+    for _ in range(20):
+        n, l, v = (np.array([*rng.uniform(-0.5, 0.5, 2), -1.0]) for _ in range(3))
+        n, l, v = (a / np.linalg.norm(a) for a in (n, l, v))
         rho_d, rho_s, beta = rng.uniform(0, 1, 3), rng.uniform(0, 0.3, 3), math.exp(rng.uniform(math.log(0.05), 0))
         eq4.append({"normal": n.tolist(), "light": l.tolist(), "view": v.tolist(), "rho_d": rho_d.tolist(),
-                    "rho_s": rho_s.tolist(), "beta": beta, "brdf": ward(n, l, v, rho_d, rho_s, beta).tolist()})
+                    "rho_s": rho_s.tolist(), "beta": beta, "brdf": ward(*angles(n, l, v), rho_d, rho_s, beta).tolist()})
     dark = [sorted(p, key=lambda s: s[4].sum())[: max(len(p) - 2, 1)] for p in points]
     gamma, rho_d = eq8(dark)
     rho_s, beta = eq9(points, gamma, rho_d)
     start = [([0.5, 0.42, 0.33], [0.05, 0.05, 0.05], 0.17), ([0.14, 0.2, 0.33], [0.05, 0.05, 0.05], 0.2)]
     rounds = [alternation(points, start, o, r) for o in ("absolute", "relative") for r in ("paper", "exact")]
     return {
-        "points": [[{"normal": n.tolist(), "light": l.tolist(), "view": v.tolist(), "irradiance": e.tolist(), "radiance": i.tolist()}
-                    for n, l, v, e, i in p] for p in points],
+        "points": [[{"cos_i": ci, "cos_r": cr, "tan2_half": t, "irradiance": e.tolist(), "radiance": i.tolist()}
+                    for ci, cr, t, e, i in p] for p in points],
         "eq4": eq4,
         "eq8": {"gamma": gamma.tolist(), "rho_d": rho_d.tolist()},
         "eq9": {"rho_s": rho_s.tolist(), "beta": beta},

@@ -16,7 +16,7 @@ const SPECULAR_START: (f64, f64) = (0.1, 0.2);
 const GREY_SATURATION: f64 = 0.08;
 
 /// Stop rule of Eq. 9.
-const EQ9_STOP: Stop = Stop { relative_decrease: 1e-10, iterations: 200 };
+const EQ9_STOP: Stop = Stop { relative_decrease: 1e-13, iterations: 200 };
 
 /// The samples of a point without its two brightest (paper 3.4); always at least one.
 pub fn without_highlights(mut samples: Vec<Sample>) -> Vec<Sample> {
