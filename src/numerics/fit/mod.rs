@@ -11,6 +11,7 @@ pub mod initialise;
 pub mod kernel;
 pub mod kmeans;
 pub mod levmar;
+pub mod loss;
 pub mod objective;
 pub mod observations;
 pub mod prepared;

@@ -293,6 +293,7 @@ pub(crate) mod tests {
     use crate::numerics::fit::{Mixture, predict};
     use crate::numerics::geometry::Vec3;
     use rand::{RngExt, SeedableRng, rngs::StdRng};
+    use rand_distr::{Distribution, Normal};
 
     /// A noise-free problem with known truth: points spread over a ball seen from -z, lights on an arc.
     pub(crate) fn synthetic(points: usize, materials: usize, seed: u64) -> (Observations, Mixture) {
@@ -337,6 +338,20 @@ pub(crate) mod tests {
             }
         }
         (observations, mixture)
+    }
+
+    /// The observations with normal errors of `deviation` times each radiance; variances say so.
+    pub(crate) fn noisy(observations: &Observations, deviation: f64, seed: u64) -> Observations {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let normal = Normal::new(0.0, deviation).unwrap();
+        let disturb = |_, mut sample: Sample| {
+            for radiance in &mut sample.radiance {
+                *radiance *= (1.0 + normal.sample(&mut rng)).max(0.01);
+            }
+            sample.variance = [0.0; 3];
+            Some(sample)
+        };
+        observations.changed(1, disturb).0
     }
 
     #[test]
