@@ -196,7 +196,10 @@ fn run(
     let task =
         Task { lobe: chosen.lobe, objective: chosen.objective, materials, rule: chosen.rule, colour: Colour::Coloured };
     let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
-    let mut solution = chosen.solver.solve(&observations, &task, &mut report_progress);
+    let mut solution = chosen
+        .solver
+        .solve(&observations, &task, &mut report_progress)
+        .map_err(|refusal| FitError::Input(refusal.to_string()))?;
     if solution.termination == Termination::Cancelled {
         return Err(FitError::Cancelled);
     }

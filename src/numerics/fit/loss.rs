@@ -2,15 +2,13 @@
 //! Cauchy's function grows slower than its tangent parabola, so lowering that parabola lowers the cost (iteratively
 //! reweighted least squares; Holland & Welsch 1977).
 
+use super::kernel::REWEIGHTINGS;
 use super::objective::Objective;
 use super::observations::{Observations, Sample};
 use super::weights::{PointQuadratic, WeightRule};
 use super::{CHUNK, MAX_MATERIALS, Mixture, predict};
 use crate::numerics::brdf::{Lobe, Material};
 use rayon::prelude::*;
-
-/// Reweightings before the weights of a point stand.
-const REWEIGHTINGS: usize = 3;
 
 /// An objective with Cauchy's scale in radiance units.
 #[derive(Clone, Copy)]

@@ -5,6 +5,7 @@
 //! points in a fixed order, so that the result is the same to the bit at any number of threads.
 
 pub mod alpha;
+pub mod bank;
 pub mod folds;
 pub mod gauge;
 pub mod initialise;
@@ -19,6 +20,7 @@ pub mod quality;
 pub mod sampling;
 pub mod selection;
 pub mod solver;
+pub mod split;
 pub mod uncertainty;
 pub mod unknowns;
 pub mod varpro;
