@@ -287,6 +287,7 @@ fn gather_point(scene: &Scene<'_>, x: usize, y: usize, pixel: usize) -> Option<G
 
 #[cfg(test)]
 pub(crate) mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::Material;
     use crate::numerics::brdf::ward::Ward;

@@ -108,6 +108,7 @@ pub fn by_name(name: &str) -> Option<&'static dyn Solver> {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::{lambert::Lambert, ward::Ward};
     use crate::numerics::fit::MAX_MATERIALS;

@@ -204,6 +204,7 @@ fn most_disputed(normal: &DMatrix<f64>, pulls: &[DVector<f64>]) -> Option<DVecto
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::fit::gauge;
     use crate::numerics::fit::objective::Objective;

@@ -105,6 +105,7 @@ pub fn solve(
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::{Material, ward::Ward};
     use crate::numerics::fit::initialise::initialise;

@@ -127,6 +127,7 @@ fn best(prepared: &Prepared, mut trials: Vec<Vec<usize>>) -> Vec<Set> {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::fit::objective::Objective;
     use crate::numerics::fit::observations::Sample;
