@@ -23,8 +23,8 @@ pub struct Args {
     /// BRDF model, by name.
     #[arg(long, default_value = "ward", help = format!("BRDF model: {}", crate::numerics::brdf::names().join(", ")))]
     pub model: String,
-    /// Solver: zheng2008.
-    #[arg(long, default_value = "zheng2008")]
+    /// Solver, by name.
+    #[arg(long, default_value = "zheng2008", help = format!("Solver: {}", crate::numerics::fit::solver::names().join(", ")))]
     pub solver: String,
     /// Weights: exact (gamma >= 0, the sum is a gauge) or paper (Eq. 10: sum gamma <= 1 as well).
     #[arg(long, default_value = "exact")]

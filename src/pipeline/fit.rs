@@ -4,6 +4,7 @@ use super::dataset::Dataset;
 use super::identify;
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
 use crate::numerics::brdf::{self, Lobe};
+use crate::numerics::fit::directions::Tilt;
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::{Observations, Scene};
 use crate::numerics::fit::quality::{judge_all, judge_left_out};
@@ -29,7 +30,7 @@ pub struct FitOptions {
     pub materials: Option<usize>,
     /// BRDF model name, one of [`brdf::names`].
     pub model: String,
-    /// Solver name; `zheng2008` is the one there is.
+    /// Solver name (`numerics::fit::solver::SOLVERS`).
     pub solver: String,
     /// Rule of the weights: `exact` or `paper`.
     pub weights: String,
@@ -136,8 +137,7 @@ fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
         .ok_or_else(|| one_of("objective", &options.objective, &Objective::ALL.map(|(name, _)| name)))?;
     let rule = WeightRule::by_name(&options.weights)
         .ok_or_else(|| one_of("weight rule", &options.weights, &["exact", "paper"]))?;
-    let solvers: Vec<&str> = solver::SOLVERS.iter().map(|s| s.name()).collect();
-    let solver = solver::by_name(&options.solver).ok_or_else(|| one_of("solver", &options.solver, &solvers))?;
+    let solver = solver::by_name(&options.solver).ok_or_else(|| one_of("solver", &options.solver, &solver::names()))?;
     if options.materials.is_some_and(|m| m == 0 || m > MAX_MATERIALS) {
         return Err(FitError::Input(format!("materials must be 1 to {MAX_MATERIALS}, or auto")));
     }
@@ -170,7 +170,11 @@ fn observe(dataset: &Dataset, chosen: &Chosen) -> Observations {
         lights: geometry.lights.iter().map(|l| &l.light).zip(&dataset.images).collect(),
         cosine_cutoff: chosen.cutoff,
     };
-    Observations::gather(&scene, geometry.width, geometry.height)
+    let mut observations = Observations::gather(&scene, geometry.width, geometry.height);
+    if chosen.solver.needs_azimuths() {
+        observations.gather_azimuths(&scene, geometry.width);
+    }
+    observations
 }
 
 fn run(
@@ -204,6 +208,11 @@ fn run(
         return Err(FitError::Cancelled);
     }
     crate::numerics::fit::gauge::normalise(&mut solution.mixture);
+    // What follows judges the fit about the normals it used.
+    let (all, observations) = match &solution.tilts {
+        Some(tilts) => turned(&all, &observations, &kept, tilts),
+        None => (all, observations),
+    };
     let errors = uncertainty(chosen.lobe, &solution.mixture, chosen.objective, &observations);
     let quality = judge_all(chosen.lobe, &solution.mixture, &observations)
         .ok_or_else(|| FitError::Input(no_samples(dataset, chosen, &all)))?;
@@ -262,6 +271,20 @@ fn run(
     Ok(FitResult { report, material, observations, mixture: solution.mixture, uncertainty: errors, size })
 }
 
+/// All observations about the normals refined for those of them that were `kept`; and the kept ones.
+fn turned(
+    all: &Observations,
+    observations: &Observations,
+    kept: &[usize],
+    tilts: &[Tilt],
+) -> (Observations, Observations) {
+    let mut everywhere = vec![[0.0; 2]; all.points()];
+    for (&point, &tilt) in kept.iter().zip(tilts) {
+        everywhere[point] = tilt;
+    }
+    (all.turned(&everywhere), observations.turned(tilts))
+}
+
 fn choose_materials(
     options: &FitOptions,
     chosen: &Chosen,
@@ -307,7 +330,7 @@ fn warnings(
     candidates: &[CandidateReport],
     options: &FitOptions,
 ) -> Vec<String> {
-    let mut warnings = Vec::new();
+    let mut warnings = solution.notes.clone();
     if solution.termination == Termination::IterationLimit {
         warnings.push(format!(
             "the alternation was still gaining after {} rounds: the parameters may be off by more than their standard errors",

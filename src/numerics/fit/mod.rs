@@ -6,6 +6,7 @@
 
 pub mod alpha;
 pub mod bank;
+pub mod directions;
 pub mod folds;
 pub mod gauge;
 pub mod initialise;
@@ -13,6 +14,7 @@ pub mod kernel;
 pub mod kmeans;
 pub mod levmar;
 pub mod loss;
+pub mod normals;
 pub mod objective;
 pub mod observations;
 pub mod prepared;

@@ -2,7 +2,9 @@
 
 use super::Mixture;
 use super::bank::Bank;
+use super::directions::Tilt;
 use super::initialise::initialise;
+use super::normals::Normals;
 use super::objective::Objective;
 use super::observations::Observations;
 use super::split::Split;
@@ -53,6 +55,8 @@ pub struct Solution {
     pub iterations: usize,
     /// Why it ended.
     pub termination: Termination,
+    /// Per point, how its normal was turned; none where the solver keeps the given normals.
+    pub tilts: Option<Vec<Tilt>>,
     /// What a reader must know of how it was found: a refit refused, normals that moved.
     pub notes: Vec<String>,
 }
@@ -70,12 +74,23 @@ pub enum Refusal {
         /// The model it was given.
         model: &'static str,
     },
+    /// It turns normals, and the observations do not say where the lights stand about them.
+    #[error("the solver {solver} refines normals: it needs observations with the azimuths of their lights")]
+    NoAzimuths {
+        /// The solver.
+        solver: &'static str,
+    },
 }
 
 /// A way to fit materials and weights to observations.
 pub trait Solver: Sync {
     /// Name in reports and on the command line.
     fn name(&self) -> &'static str;
+    /// True for a solver that refuses observations without the azimuths of their lights
+    /// ([`Observations::set_azimuths`]).
+    fn needs_azimuths(&self) -> bool {
+        false
+    }
     /// Fits. The observations hold at least one point.
     fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal>;
 }
@@ -96,10 +111,15 @@ impl Solver for Zheng2008 {
 }
 
 /// Every solver that can be selected.
-pub const SOLVERS: &[&dyn Solver] = &[&Varpro, &Subset(SUBSET), &Zheng2008, &Split, &Bank];
+pub const SOLVERS: &[&dyn Solver] = &[&Varpro, &Subset(SUBSET), &Zheng2008, &Split, &Normals, &Bank];
 
 /// Points that settle the BRDF parameters for the solver `subset`.
 const SUBSET: usize = 3000;
+
+/// Names of all solvers.
+pub fn names() -> Vec<&'static str> {
+    SOLVERS.iter().map(|solver| solver.name()).collect()
+}
 
 /// The solver of this name, if rigd has it.
 pub fn by_name(name: &str) -> Option<&'static dyn Solver> {

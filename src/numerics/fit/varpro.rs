@@ -246,7 +246,7 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
         (false, true) => Termination::Converged,
         (false, false) => Termination::IterationLimit,
     };
-    Solution { mixture, cost, iterations: alpha.found.iterations, termination, notes: alpha.notes }
+    Solution { mixture, cost, iterations: alpha.found.iterations, termination, tilts: None, notes: alpha.notes }
 }
 
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points

@@ -100,7 +100,7 @@ pub fn solve(
     } else {
         alpha::cost(lobe, &mixture, options.objective, observations)
     };
-    Solution { mixture, cost, iterations, termination, notes: Vec::new() }
+    Solution { mixture, cost, iterations, termination, tilts: None, notes: Vec::new() }
 }
 
 #[cfg(test)]
