@@ -239,7 +239,7 @@ mod tests {
         let (exact, _) = synthetic(1500, 1, 32);
         let known = [0.08, 0.3].map(|beta| Material { rho_d: [0.3, 0.3, 0.3], rho_s: [0.2; 3], beta });
         let paint = |point: usize, mut sample: Sample| {
-            let material = known[usize::from(point % 3 == 0)];
+            let material = known[usize::from(point.is_multiple_of(3))];
             sample.radiance =
                 crate::numerics::fit::unit_radiance(&crate::numerics::brdf::ward::Ward, &material, &sample);
             Some(sample)

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 mod point;
 
 /// Most alternations, and the change of cost and of the deviation of the shape, relative, below which they end.
-const ROUNDS: (usize, f64) = (15, 3e-3);
+const ROUNDS: (usize, f64) = (25, 3e-3);
 
 /// A shape that deviates by less, standard deviation of a tilt (0.1 degrees), counts as exact.
 const EXACT: f64 = 0.00175;
