@@ -2,7 +2,7 @@
 
 use super::error::bad_input;
 use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, cpu_seconds, fit};
-use crate::pipeline::options::{AUTO, models};
+use crate::pipeline::options::{AUTO, models, solvers};
 use crate::pipeline::report::{Identified, Parameter};
 use crate::store::{dataset, result};
 use std::io::{IsTerminal, Write};
@@ -30,8 +30,8 @@ pub struct Args {
     /// A gain for each light against lamp drift: on, off, or auto: left-out lights decide.
     #[arg(long, default_value = AUTO)]
     pub gains: String,
-    /// Solver: varpro (exact weights eliminated), subset (parameters from 3000 points), zheng2008 (the paper's alternation).
-    #[arg(long, default_value = "varpro")]
+    /// Solver, by name.
+    #[arg(long, default_value = "varpro", help = format!("Solver: {}", solvers().join(", ")))]
     pub solver: String,
     /// Weights: exact (gamma >= 0, the sum is a gauge) or, for zheng2008, paper (Eq. 10: sum gamma <= 1 as well).
     #[arg(long, default_value = "exact")]

@@ -5,6 +5,7 @@ use super::identify::{self, Evidence, MISFIT};
 use super::options::Chosen;
 pub use super::options::FitOptions;
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
+use crate::numerics::fit::directions::Tilt;
 use crate::numerics::fit::observations::{Observations, Scene};
 use crate::numerics::fit::quality::{judge_all, judge_left_out};
 use crate::numerics::fit::selection::{Candidate, select};
@@ -89,7 +90,11 @@ fn observe(dataset: &Dataset, chosen: &Chosen) -> Observations {
         lights: geometry.lights.iter().map(|l| &l.light).zip(&dataset.images).collect(),
         cosine_cutoff: chosen.cutoff,
     };
-    Observations::gather(&scene, geometry.width, geometry.height)
+    let mut observations = Observations::gather(&scene, geometry.width, geometry.height);
+    if chosen.solver.needs_azimuths() {
+        observations.gather_azimuths(&scene, geometry.width);
+    }
+    observations
 }
 
 fn run(
@@ -123,11 +128,17 @@ fn run(
         colour: taken.colour,
     };
     let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
-    let mut solution = chosen.solver.solve(fitted, &task, &mut report_progress);
+    let mut solution = chosen
+        .solver
+        .solve(fitted, &task, &mut report_progress)
+        .map_err(|refusal| FitError::Input(refusal.to_string()))?;
     if solution.termination == Termination::Cancelled {
         return Err(FitError::Cancelled);
     }
     gauge::normalise(&mut solution.mixture);
+    // What follows judges the fit about the normals it used.
+    let turned = solution.tilts.as_ref().map(|tilts| turned(&all, fitted, &kept, tilts));
+    let (all, fitted) = turned.as_ref().map_or((&all, fitted), |(all, fitted)| (all, fitted));
     let recipe = varpro::recipe(&task, fitted);
     let errors = uncertainty(&recipe, &solution.mixture, task.colour, solution.sign, fitted);
     let quality = judge_all(task.lobe, &solution.mixture, fitted)
@@ -191,6 +202,20 @@ fn run(
     };
     let size = material.size;
     Ok(FitResult { report, material, observations, mixture: solution.mixture, uncertainty: errors, size })
+}
+
+/// All observations about the normals refined for those of them that were `kept`; and the kept ones.
+fn turned(
+    all: &Observations,
+    observations: &Observations,
+    kept: &[usize],
+    tilts: &[Tilt],
+) -> (Observations, Observations) {
+    let mut everywhere = vec![[0.0; 2]; all.points()];
+    for (&point, &tilt) in kept.iter().zip(tilts) {
+        everywhere[point] = tilt;
+    }
+    (all.turned(&everywhere), observations.turned(tilts))
 }
 
 /// What left-out lights decide of the number of materials, the model, its lobe and the light gains.

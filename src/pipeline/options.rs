@@ -72,7 +72,7 @@ pub const GAINS: [&str; 3] = [AUTO, "on", "off"];
 
 /// Names of the solvers.
 pub fn solvers() -> Vec<&'static str> {
-    solver::SOLVERS.iter().map(|solver| solver.name()).collect()
+    solver::names()
 }
 
 /// Names of the objectives.

@@ -19,7 +19,7 @@ pub const PER_MATERIAL: usize = 7;
 const PIVOT: f32 = 1e-5;
 
 /// Reweightings of Cauchy's function before the weights of a point stand.
-const REWEIGHTINGS: usize = 2;
+pub(super) const REWEIGHTINGS: usize = 2;
 
 /// Constraint of the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,6 +5,8 @@
 //! points in a fixed order, so that the result is the same to the bit at any number of threads.
 
 pub mod alpha;
+pub mod bank;
+pub mod directions;
 pub mod folds;
 pub mod gains;
 pub mod gauge;
@@ -12,6 +14,8 @@ pub mod initialise;
 pub mod kernel;
 pub mod kmeans;
 pub mod levmar;
+pub mod loss;
+pub mod normals;
 pub mod objective;
 pub mod observations;
 pub mod prepared;
@@ -19,6 +23,7 @@ pub mod quality;
 pub mod sampling;
 pub mod selection;
 pub mod solver;
+pub mod split;
 pub mod uncertainty;
 pub mod unknowns;
 pub mod varpro;

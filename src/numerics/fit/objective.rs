@@ -60,6 +60,17 @@ impl Objective {
         Self::ALL.iter().find(|(_, known)| *known == self).map_or("", |(name, _)| name)
     }
 
+    /// Cauchy's scale in units of the weighted residual; none for plain squares. `brightness` is the root mean square
+    /// radiance.
+    pub fn cauchy_scale(self, brightness: f64) -> Option<f64> {
+        let deviation = match self.measure {
+            Measure::Absolute => MODEL_FLOOR * brightness,
+            Measure::Relative => MODEL_FLOOR,
+            Measure::Noise => 1.0,
+        };
+        self.cauchy.then_some(CAUCHY_SCALE * deviation)
+    }
+
     /// Weight of the squared residual of each channel.
     pub fn weights(self, sample: &Sample) -> [f64; 3] {
         match self.measure {

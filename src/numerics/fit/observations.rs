@@ -104,6 +104,8 @@ pub struct Observations {
     first: Vec<usize>,
     /// All rows, block by block.
     rows: Vec<Row>,
+    /// Per row, the azimuths of the lights, radians (`fit::directions`); empty unless set.
+    azimuth: Vec<Lane>,
     /// Samples in all.
     samples: usize,
     /// Lights in all, used or not.
@@ -215,6 +217,35 @@ impl Observations {
         (0..self.points()).flat_map(|point| self.of(point))
     }
 
+    /// Gives every sample the azimuth of its light, radians (`fit::directions`); once all points are there.
+    pub fn set_azimuths(&mut self, of: impl Fn(usize, &Sample) -> f64) {
+        let mut azimuth = vec![[0.0; LANES]; self.rows.len()];
+        for point in 0..self.points() {
+            for (row, sample) in azimuth[self.first[point / LANES]..].iter_mut().zip(self.of(point)) {
+                row[point % LANES] = of(point, &sample) as f32;
+            }
+        }
+        self.azimuth = azimuth;
+    }
+
+    /// True when the azimuths of the lights were set.
+    pub fn has_azimuths(&self) -> bool {
+        !self.azimuth.is_empty()
+    }
+
+    /// Azimuth of a light at a point; none where none was set or the point has no such sample.
+    pub fn azimuth_of(&self, point: usize, light: usize) -> Option<f64> {
+        let index = self.of(point).position(|sample| sample.light == light)?;
+        self.azimuth.get(self.first[point / LANES] + index).map(|row| f64::from(row[point % LANES]))
+    }
+
+    /// Takes over the azimuths of `source`, where point p here is point `origin[p]`.
+    fn inherit_azimuths(&mut self, source: &Self, origin: &[usize]) {
+        if source.has_azimuths() {
+            self.set_azimuths(|point, sample| source.azimuth_of(origin[point], sample.light).unwrap_or(0.0));
+        }
+    }
+
     /// The samples that `change` returns for the samples here, of the points that still have at least `least` of them; and,
     /// per point kept, its index here.
     pub fn changed(&self, least: usize, mut change: impl FnMut(usize, Sample) -> Option<Sample>) -> (Self, Vec<usize>) {
@@ -230,6 +261,7 @@ impl Observations {
                 origin.push(point);
             }
         }
+        kept.inherit_azimuths(self, &origin);
         (kept, origin)
     }
 
@@ -260,6 +292,7 @@ impl Observations {
             samples.extend(self.of(point));
             kept.push(self.pixel[point], &samples);
         }
+        kept.inherit_azimuths(self, points);
         kept
     }
 
@@ -299,12 +332,15 @@ fn gather_point(scene: &Scene<'_>, x: usize, y: usize, pixel: usize) -> Option<G
 
 #[cfg(test)]
 pub(crate) mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::Material;
     use crate::numerics::brdf::ward::Ward;
+    use crate::numerics::fit::directions::azimuth;
     use crate::numerics::fit::{Mixture, predict};
     use crate::numerics::geometry::Vec3;
     use rand::{RngExt, SeedableRng, rngs::StdRng};
+    use rand_distr::{Distribution, Normal};
 
     /// A noise-free problem with known truth: points spread over a ball seen from -z, lights on an arc.
     pub(crate) fn synthetic(points: usize, materials: usize, seed: u64) -> (Observations, Mixture) {
@@ -317,6 +353,7 @@ pub(crate) mod tests {
         let mut observations = Observations::new(7);
         let mut mixture = Mixture { materials: known[..materials].to_vec(), gamma: Vec::new() };
         let view = -Vec3::z();
+        let mut azimuths: Vec<[f64; 7]> = Vec::new();
         while observations.points() < points {
             let (x, y): (f64, f64) = (rng.random_range(-0.95..0.95), rng.random_range(-0.95..0.95));
             if x * x + y * y > 0.9 {
@@ -330,10 +367,12 @@ pub(crate) mod tests {
                 _ => vec![first * 0.6, (1.0 - first) * 0.6, rng.random_range(0.0..0.4)],
             };
             let mut samples = Vec::new();
+            let mut about = [0.0; 7];
             for light in 0..7 {
-                let azimuth = (-60.0 + 20.0 * light as f64).to_radians();
-                let direction = Vec3::new(azimuth.sin(), 0.1, -azimuth.cos()).normalize();
+                let station = (-60.0 + 20.0 * light as f64).to_radians();
+                let direction = Vec3::new(station.sin(), 0.1, -station.cos()).normalize();
                 let angles = Angles::new(&normal, &direction, &view);
+                about[light] = azimuth(&normal, &direction, &view);
                 if angles.cos_i <= 0.1 || angles.cos_r <= 0.1 {
                     continue;
                 }
@@ -346,9 +385,25 @@ pub(crate) mod tests {
             if samples.len() >= 4 {
                 observations.push(observations.points(), &samples);
                 mixture.gamma.extend(gamma);
+                azimuths.push(about);
             }
         }
+        observations.set_azimuths(|point, sample| azimuths[point][sample.light]);
         (observations, mixture)
+    }
+
+    /// The observations with normal errors of `deviation` times each radiance; variances say so.
+    pub(crate) fn noisy(observations: &Observations, deviation: f64, seed: u64) -> Observations {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let normal = Normal::new(0.0, deviation).unwrap();
+        let disturb = |_, mut sample: Sample| {
+            for radiance in &mut sample.radiance {
+                *radiance *= (1.0 + normal.sample(&mut rng)).max(0.01);
+            }
+            sample.variance = [0.0; 3];
+            Some(sample)
+        };
+        observations.changed(1, disturb).0
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! parameters and weights do is computed once.
 
 use super::CHUNK;
-use super::objective::{CAUCHY_SCALE, MODEL_FLOOR, Measure, Objective};
+use super::objective::{MODEL_FLOOR, Measure, Objective};
 use super::observations::{Observations, Row};
 use crate::numerics::brdf::{Family, Lobe};
 use crate::numerics::simd::{LANES, Lane};
@@ -76,7 +76,6 @@ impl Prepared {
     /// Some blocks of `observations`.
     pub fn of_blocks(observations: &Observations, recipe: &Recipe<'_>, blocks: Range<usize>) -> Self {
         let unit = if recipe.objective.measure == Measure::Absolute { recipe.brightness } else { 1.0 };
-        let deviation = if recipe.objective.measure == Measure::Noise { 1.0 } else { MODEL_FLOOR };
         let points = observations.points().min(blocks.end * LANES) - blocks.start * LANES;
         let begin = observations.rows_of(0..blocks.start).end;
         let first: Vec<usize> =
@@ -90,7 +89,7 @@ impl Prepared {
         });
         Self {
             family: recipe.lobe.family(),
-            cauchy: recipe.objective.cauchy.then_some((CAUCHY_SCALE * deviation) as f32),
+            cauchy: recipe.objective.cauchy_scale(1.0).map(|scale| scale as f32),
             unit2: unit * unit,
             points,
             first,

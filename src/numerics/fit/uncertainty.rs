@@ -170,7 +170,7 @@ mod tests {
                     Some(Sample { radiance, variance: [0.0; 3], ..sample })
                 });
                 let go_on = &mut |_, _| ControlFlow::Continue(());
-                let found = by_name("varpro").unwrap().solve(&noisy, &task, go_on);
+                let found = by_name("varpro").unwrap().solve(&noisy, &task, go_on).unwrap();
                 let recipe = Recipe { lobe: &Ward, objective, brightness: 1.0 };
                 let errors = uncertainty(&recipe, &found.mixture, Colour::Coloured, Sign::NonNegative, &noisy);
                 let (found, known) = (found.mixture.materials[0], truth.materials[0]);

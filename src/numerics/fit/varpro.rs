@@ -12,7 +12,7 @@ use super::levmar::{self, Normal, Problem, Stop};
 use super::observations::Observations;
 use super::prepared::{Prepared, Recipe, brightness};
 use super::sampling::stratified;
-use super::solver::{OnIteration, Solution, Solver, Task, Termination};
+use super::solver::{OnIteration, Refusal, Solution, Solver, Task, Termination};
 use super::unknowns::{Colour, Unknowns};
 use super::{Mixture, gauge};
 use crate::numerics::brdf::Material;
@@ -25,13 +25,13 @@ const BETA_STARTS: [f64; 3] = [0.06, 0.15, 0.35];
 const SPECULAR_START: f64 = 0.1;
 
 /// Points of the first search, from several starts, and of the second.
-const COARSE: (usize, usize) = (384, 3000);
+pub(super) const COARSE: (usize, usize) = (384, 3000);
 
 /// Points the free weights are judged on by left-out lights.
 const JUDGED: usize = 800;
 
 /// When the first search, the second, those without a light, and the last one stop.
-const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
+pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
 const MEDIUM_STOP: Stop = Stop { relative_decrease: 1e-5, iterations: 40 };
 pub(super) const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
 const FINE_STOP: Stop = Stop { relative_decrease: 1e-9, iterations: 200 };
@@ -120,8 +120,8 @@ impl Solver for Varpro {
         "varpro"
     }
 
-    fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Solution {
-        solve(observations, task, Extent::All, progress)
+    fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal> {
+        Ok(solve(observations, task, Extent::All, progress))
     }
 }
 
@@ -130,8 +130,8 @@ impl Solver for Subset {
         "subset"
     }
 
-    fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Solution {
-        solve(observations, task, Extent::Subset(self.0), progress)
+    fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal> {
+        Ok(solve(observations, task, Extent::Subset(self.0), progress))
     }
 }
 
@@ -170,8 +170,20 @@ pub struct AlphaFit {
 pub fn fit_alpha(observations: &Observations, task: &Task, recipe: &Recipe<'_>, progress: OnIteration<'_>) -> AlphaFit {
     // Evenly spread parts of a stratified choice are stratified.
     let some = observations.select(&stratified(observations, task.materials, COARSE.1));
-    let coarse = some.subset(COARSE.0);
-    let mut found = multi_start(&coarse, recipe, task.materials, task.colour);
+    let start = multi_start(&some.subset(COARSE.0), recipe, task.materials, task.colour);
+    descend(observations, &some, start, task, recipe, progress)
+}
+
+/// From a start that fits roughly to the optimum of all points; `some` is a stratified choice of them.
+pub fn descend(
+    observations: &Observations,
+    some: &Observations,
+    start: Found,
+    task: &Task,
+    recipe: &Recipe<'_>,
+    progress: OnIteration<'_>,
+) -> AlphaFit {
+    let mut found = start;
     let mut iterations = found.iterations;
     let mut cancelled = progress(iterations, found.cost).is_break();
     let mut stage = |prepared: &Prepared, from: &Found, sign: Sign, stop: Stop| {
@@ -181,7 +193,7 @@ pub fn fit_alpha(observations: &Observations, task: &Task, recipe: &Recipe<'_>, 
         next
     };
     let large = observations.points() > 2 * COARSE.1;
-    let medium = large.then(|| Prepared::new(&some, recipe));
+    let medium = large.then(|| Prepared::new(some, recipe));
     if let Some(medium) = &medium {
         found = stage(medium, &found, Sign::NonNegative, MEDIUM_STOP);
     }
@@ -234,7 +246,15 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
         (false, true) => Termination::Converged,
         (false, false) => Termination::IterationLimit,
     };
-    Solution { mixture, cost, iterations: alpha.found.iterations, termination, sign: alpha.sign, notes: alpha.notes }
+    Solution {
+        mixture,
+        cost,
+        iterations: alpha.found.iterations,
+        termination,
+        sign: alpha.sign,
+        tilts: None,
+        notes: alpha.notes,
+    }
 }
 
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points
