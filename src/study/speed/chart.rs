@@ -1,0 +1,162 @@
+//! The chart of speed against accuracy: a panel a scene, log-log, with the Pareto front.
+
+mod panel;
+
+use super::{Measurement, Variant};
+use crate::study::chart::{Anchor, ChartError, Figure, Font, GREY, INK, Mark, Rgb};
+use crate::study::median;
+use std::collections::BTreeMap;
+
+const PANEL: [f64; 2] = [600.0, 470.0];
+const MARGIN: f64 = 84.0;
+const HEAD: f64 = 118.0;
+const LEGEND: f64 = 190.0;
+/// Below a panel: its axis, then the key of its front.
+const FOOT: f64 = 70.0;
+const KEY_LINE: f64 = 19.0;
+
+/// Colours of the solvers in their order (Okabe & Ito 2008: distinct to the colour-blind).
+const COLORS: [Rgb; 8] = [
+    [0, 114, 178],
+    [213, 94, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [230, 159, 0],
+    [86, 180, 233],
+    [120, 94, 40],
+    [90, 90, 90],
+];
+
+/// Marks of the objectives in their order; the robust ones are hollow.
+const MARKS: [Mark; 3] = [Mark::Square, Mark::Triangle, Mark::Circle];
+
+/// The median of a variant on a scene.
+struct Point {
+    variant: Variant,
+    cpu_s: f64,
+    error_pct: f64,
+}
+
+/// A scene with its points.
+struct Panel {
+    title: String,
+    axis: &'static str,
+    /// Published for the same kind of object: seconds and percent.
+    anchor: Option<(f64, f64)>,
+    points: Vec<Point>,
+}
+
+/// What the chart says of each variant: solver and rounds, objective, points.
+fn name(variant: &Variant) -> String {
+    let rounds = variant.method.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
+    let points = variant.points.map_or("all points".to_owned(), |points| format!("{points} points"));
+    format!("{}{rounds}, {}, {points}", variant.method.solver.name(), variant.method.objective_name)
+}
+
+/// Draws the medians over seeds, or over left-out lights.
+pub fn draw(measured: &[Measurement]) -> Result<Figure, ChartError> {
+    let panels = panels(measured);
+    let fronts: Vec<usize> = panels.iter().map(|panel| panel::front(&panel.points).len()).collect();
+    let key = 30.0 + KEY_LINE * fronts.iter().copied().max().unwrap_or(0) as f64;
+    let width = panels.len() as f64 * (PANEL[0] + MARGIN) + LEGEND + 40.0;
+    let mut figure = Figure::new(width, HEAD + PANEL[1] + FOOT + key)?;
+    figure.text([24.0, 38.0], "Speed against accuracy of the fit", Font::bold(22.0), Anchor::Start);
+    let note = "Every solver, objective and subset of points; medians over seeds. \
+                Numbered: the Pareto front, where more accuracy (by 1 % or more) costs more time.";
+    figure.text([24.0, 62.0], note, Font::plain(13.0).colored(GREY), Anchor::Start);
+    for (at, panel) in panels.iter().enumerate() {
+        let left = MARGIN + at as f64 * (PANEL[0] + MARGIN);
+        panel::draw(&mut figure, panel, [left, HEAD]);
+    }
+    legend(&mut figure, measured, [width - LEGEND - 8.0, HEAD]);
+    Ok(figure)
+}
+
+fn panels(measured: &[Measurement]) -> Vec<Panel> {
+    let mut scenes: Vec<&Measurement> = Vec::new();
+    for one in measured {
+        if !scenes.iter().any(|known| known.scene == one.scene) {
+            scenes.push(one);
+        }
+    }
+    scenes.into_iter().map(|first| panel_of(first, measured)).collect()
+}
+
+fn panel_of(first: &Measurement, measured: &[Measurement]) -> Panel {
+    let mut groups: BTreeMap<String, Vec<&Measurement>> = BTreeMap::new();
+    for one in measured.iter().filter(|one| one.scene == first.scene) {
+        groups.entry(name(&one.variant)).or_default().push(one);
+    }
+    let point = |group: &Vec<&Measurement>| Point {
+        variant: group[0].variant,
+        cpu_s: median(group.iter().map(|one| one.cpu_s).collect()),
+        error_pct: 100.0 * median(group.iter().map(|one| one.outcome.unseen_error()).collect()),
+    };
+    let judged =
+        if first.seed.is_some() { "relight error under 4 unseen lights (%)" } else { "error on left-out lights (%)" };
+    Panel {
+        title: format!("{}, {} points", first.scene, first.scene_points),
+        axis: judged,
+        anchor: match first.scene.as_str() {
+            "marble" => Some((2700.0, 5.89)),
+            "wood" => Some((2700.0, 4.34)),
+            _ => None,
+        },
+        points: groups.values().map(point).collect(),
+    }
+}
+
+fn color_of(variant: &Variant) -> Rgb {
+    let at =
+        crate::numerics::fit::solver::SOLVERS.iter().position(|solver| solver.name() == variant.method.solver.name());
+    COLORS[at.unwrap_or(0) % COLORS.len()]
+}
+
+fn mark_of(objective: &str) -> (Mark, bool) {
+    let plain = objective.trim_end_matches("-cauchy");
+    let at = ["absolute", "relative", "noise"].iter().position(|known| *known == plain);
+    (at.map_or(Mark::Diamond, |at| MARKS[at]), plain != objective)
+}
+
+/// Solvers by colour, objectives by mark, in the order they appear.
+fn legend(figure: &mut Figure, measured: &[Measurement], [x, top]: [f64; 2]) {
+    let (mut solvers, mut objectives): (Vec<&Variant>, Vec<&str>) = (Vec::new(), Vec::new());
+    for variant in measured.iter().map(|one| &one.variant) {
+        if !solvers.iter().any(|known| known.method.solver.name() == variant.method.solver.name()) {
+            solvers.push(variant);
+        }
+        if !objectives.contains(&variant.method.objective_name) {
+            objectives.push(variant.method.objective_name);
+        }
+    }
+    let mut y = top + 12.0;
+    figure.text([x, y], "Solver", Font::bold(14.0), Anchor::Start);
+    for variant in solvers {
+        y += 23.0;
+        let color = color_of(variant);
+        figure.mark(Mark::Circle, [x + 8.0, y - 5.0], 6.0, color, color);
+        figure.text([x + 24.0, y], variant.method.solver.name(), Font::plain(14.0), Anchor::Start);
+    }
+    y += 40.0;
+    figure.text([x, y], "Objective", Font::bold(14.0), Anchor::Start);
+    for objective in objectives {
+        y += 23.0;
+        let (mark, hollow) = mark_of(objective);
+        figure.mark(mark, [x + 8.0, y - 5.0], 5.5, panel::fill(INK, hollow), INK);
+        figure.text([x + 24.0, y], objective, Font::plain(14.0), Anchor::Start);
+    }
+    y += 40.0;
+    figure.text([x, y], "Size", Font::bold(14.0), Anchor::Start);
+    for (radius, meaning) in [(panel::LARGE, "fitted to all points"), (panel::SMALL, "fitted to a subset")] {
+        y += 23.0;
+        figure.mark(Mark::Circle, [x + 8.0, y - 5.0], radius, GREY, GREY);
+        figure.text([x + 24.0, y], meaning, Font::plain(14.0), Anchor::Start);
+    }
+    y += 40.0;
+    figure.mark(Mark::Star, [x + 8.0, y - 5.0], 6.5, panel::ANCHOR, INK);
+    figure.text([x + 24.0, y], "Zheng et al. 2008:", Font::plain(14.0), Anchor::Start);
+    for line in ["fit error, as published", "(own photographs,", "Athlon 3000+, Matlab)"] {
+        y += 18.0;
+        figure.text([x + 24.0, y], line, Font::plain(12.0).colored(GREY), Anchor::Start);
+    }
+}

@@ -1,0 +1,220 @@
+//! Speed against accuracy: every solver with every objective on every point or on a subset of them, one thread.
+
+mod chart;
+mod measure;
+
+use super::chart::ChartError;
+use super::csv::{self, number};
+use super::method::{LOBE, Method};
+use super::scene::{Problem, Scene};
+use super::score::Score;
+use crate::numerics::fit::objective::Objective;
+use crate::numerics::fit::observations::Observations;
+pub use measure::MeasureError;
+use std::path::Path;
+
+/// One way to fit, and to how much.
+#[derive(Clone, Copy)]
+pub struct Variant {
+    /// Solver, objective and when to stop.
+    pub method: Method,
+    /// Materials are fitted to this many points, evenly spread, and then the weights of all; none fits all at once.
+    pub points: Option<usize>,
+}
+
+/// What a study of speed covers.
+pub struct Plan {
+    /// Scenes with their names.
+    pub scenes: Vec<(String, Scene)>,
+    /// Seeds: 0 to this, exclusive.
+    pub seeds: u64,
+    /// Sizes of the subsets.
+    pub subsets: Vec<usize>,
+    /// False leaves out the paper's alternation beyond its ten rounds: it takes seconds a fit.
+    pub to_the_end: bool,
+    /// Photographs, if there are any.
+    pub photographs: Option<Photographs>,
+}
+
+/// A dataset of photographs: nothing is known of it but what it shows.
+pub struct Photographs {
+    /// Name in table and chart.
+    pub name: String,
+    /// Its samples.
+    pub observations: Observations,
+    /// Number of materials to fit.
+    pub materials: usize,
+}
+
+/// One fit.
+pub struct Measurement {
+    /// Name of the scene.
+    pub scene: String,
+    /// How it was fitted.
+    pub variant: Variant,
+    /// Points of the scene.
+    pub scene_points: usize,
+    /// Seed of the scene; none for photographs.
+    pub seed: Option<u64>,
+    /// The light left out; none for synthetic scenes, which have lights of their own to judge by.
+    pub left_out: Option<usize>,
+    /// Processor time of the thread that fitted, seconds.
+    pub cpu_s: f64,
+    /// Outer iterations.
+    pub iterations: usize,
+    /// Errors.
+    pub outcome: Outcome,
+}
+
+/// How good a fit turned out.
+#[derive(Clone, Copy)]
+pub enum Outcome {
+    /// Against the truth of a synthetic scene.
+    Truth(Score),
+    /// Mean relative error on the light left out of the photographs; none when no point could be judged.
+    LeftOut(Option<f64>),
+}
+
+impl Outcome {
+    /// Relative error under lights the fit never saw.
+    pub fn unseen_error(&self) -> f64 {
+        match self {
+            Self::Truth(score) => score.relight,
+            Self::LeftOut(error) => error.unwrap_or(f64::INFINITY),
+        }
+    }
+}
+
+impl Plan {
+    /// Two scenes of 3 000 points: under a minute of processor time.
+    pub fn short() -> Self {
+        let small = |scene: Scene| Scene { points: 3000, ..scene };
+        let scenes = vec![("marble".to_owned(), small(Scene::marble())), ("wood".to_owned(), small(Scene::wood()))];
+        Self { scenes, seeds: 2, subsets: vec![300], to_the_end: false, photographs: None }
+    }
+
+    /// Both scenes at the size of Zheng 2008.
+    pub fn long() -> Self {
+        let scenes = vec![("marble".to_owned(), Scene::marble()), ("wood".to_owned(), Scene::wood())];
+        Self { scenes, seeds: 8, subsets: vec![200, 1000, 3000], to_the_end: true, photographs: None }
+    }
+
+    /// Every way to fit.
+    pub fn variants(&self) -> Vec<Variant> {
+        let sizes: Vec<Option<usize>> = self.subsets.iter().map(|&n| Some(n)).chain([None]).collect();
+        let methods = Objective::ALL.into_iter().flat_map(|(name, o)| Method::all(name, o, self.to_the_end));
+        methods.flat_map(|method| sizes.iter().map(move |&points| Variant { method, points })).collect()
+    }
+}
+
+/// Runs the plan; `progress` hears of every fit: how many are done, of how many.
+///
+/// # Errors
+/// A thread cannot be started or its clock cannot be read.
+pub fn run(plan: &Plan, progress: &mut dyn FnMut(usize, usize)) -> Result<Vec<Measurement>, MeasureError> {
+    let variants = plan.variants();
+    let lights = plan.photographs.as_ref().map_or(Vec::new(), |p| measure::lights_to_leave_out(p.observations.lights));
+    let total = variants.len() * (plan.scenes.len() * plan.seeds as usize + lights.len());
+    let bench = measure::Bench::new()?;
+    let mut all = Vec::with_capacity(total);
+    for (name, scene) in &plan.scenes {
+        for seed in 0..plan.seeds {
+            let problem = scene.generate(seed);
+            for &variant in &variants {
+                all.push(synthetic(&bench, name, scene, &problem, variant, seed)?);
+                progress(all.len(), total);
+            }
+        }
+    }
+    if let Some(photographs) = &plan.photographs {
+        for &light in &lights {
+            for &variant in &variants {
+                all.push(bench.photographs(photographs, variant, light)?);
+                progress(all.len(), total);
+            }
+        }
+    }
+    Ok(all)
+}
+
+fn synthetic(
+    bench: &measure::Bench,
+    name: &str,
+    scene: &Scene,
+    problem: &Problem,
+    variant: Variant,
+    seed: u64,
+) -> Result<Measurement, MeasureError> {
+    let fitted = bench.fit(&problem.observations, scene.materials.len(), variant)?;
+    Ok(Measurement {
+        scene: name.to_owned(),
+        variant,
+        scene_points: problem.observations.points(),
+        seed: Some(seed),
+        left_out: None,
+        cpu_s: fitted.cpu_s,
+        iterations: fitted.iterations,
+        outcome: Outcome::Truth(super::score::score(LOBE, problem, &fitted.mixture)),
+    })
+}
+
+/// Columns of `speed.csv`.
+pub const COLUMNS: [&str; 16] = [
+    "scene",
+    "scene_points",
+    "seed",
+    "left_out_light",
+    "solver",
+    "objective",
+    "fitted_points",
+    "round_limit",
+    "cpu_s",
+    "iterations",
+    "unseen_error_pct",
+    "unseen_highlight_error_pct",
+    "fit_error_pct",
+    "beta_error_pct",
+    "rho_s_error_pct",
+    "gamma_rms",
+];
+
+fn row(measured: &Measurement) -> Vec<String> {
+    let percent = |value: Option<f64>| number(value.map(|v| 100.0 * v));
+    let count = |value: Option<usize>| value.map_or(String::new(), |v| v.to_string());
+    let score = match measured.outcome {
+        Outcome::Truth(score) => Some(score),
+        Outcome::LeftOut(_) => None,
+    };
+    let parameters = score.and_then(|s| s.parameters);
+    let variant = &measured.variant;
+    vec![
+        measured.scene.clone(),
+        measured.scene_points.to_string(),
+        measured.seed.map_or(String::new(), |seed| seed.to_string()),
+        count(measured.left_out),
+        variant.method.solver.name().to_owned(),
+        variant.method.objective_name.to_owned(),
+        variant.points.unwrap_or(measured.scene_points).to_string(),
+        count(variant.method.rounds),
+        measured.cpu_s.to_string(),
+        measured.iterations.to_string(),
+        percent(Some(measured.outcome.unseen_error())),
+        percent(score.and_then(|s| s.relight_highlight)),
+        percent(score.map(|s| s.fit)),
+        percent(parameters.map(|p| p.beta)),
+        percent(parameters.map(|p| p.rho_s)),
+        number(parameters.map(|p| p.gamma)),
+    ]
+}
+
+/// Writes `speed.csv`, `speed.svg` and `speed.png` into `directory`.
+///
+/// # Errors
+/// A file cannot be written or the chart cannot be drawn.
+pub fn write(directory: &Path, measured: &[Measurement]) -> Result<(), ChartError> {
+    let rows: Vec<Vec<String>> = measured.iter().map(row).collect();
+    let path = directory.join("speed.csv");
+    csv::write(&path, &COLUMNS, &rows)
+        .map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
+    chart::draw(measured)?.write(directory, "speed")
+}
