@@ -44,6 +44,12 @@ impl Method {
         all
     }
 
+    /// Solver, and its rounds where they are limited.
+    pub fn solver_label(&self) -> String {
+        let rounds = self.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
+        format!("{}{rounds}", self.solver.name())
+    }
+
     /// What the solver is asked for.
     pub fn task(&self, materials: usize) -> Task {
         Task { lobe: LOBE, objective: self.objective, materials, rule: WeightRule::Exact }

@@ -11,6 +11,9 @@ pub struct LogAxis {
     pub at: [f64; 2],
 }
 
+/// An axis spans at least this ratio: closer values are no different for the eye.
+const LEAST_RATIO: f64 = 2.5;
+
 impl LogAxis {
     /// An axis that holds all positive values with some room on either side.
     pub fn around(values: impl Iterator<Item = f64>, at: [f64; 2]) -> Self {
@@ -20,7 +23,8 @@ impl LogAxis {
         if low > high {
             return Self { from: 0.1, to: 10.0, at };
         }
-        let room = (high / low).powf(0.06).max(1.15);
+        let ratio = high / low;
+        let room = ratio.powf(0.06).max((LEAST_RATIO / ratio).sqrt());
         Self { from: low / room, to: high * room, at }
     }
 

@@ -47,7 +47,7 @@ pub struct Scene {
     pub clipping: Option<Clipping>,
     /// Distance between the true and the assumed position of each light, mm, in a random direction.
     pub light_error_mm: f64,
-    /// Standard deviation of each light's intensity, relative; the fit assumes the nominal one.
+    /// Standard deviation of each light's intensity about the mean of all, relative; the fit assumes the mean.
     pub drift: f64,
     /// True when the fit is told the irradiance at the ball's centre everywhere (Zheng 2008, Eq. 3: no distance term).
     pub distance_ignored: bool,

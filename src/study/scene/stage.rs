@@ -83,19 +83,23 @@ pub fn lit(angles: &Angles, cutoff: f64) -> bool {
     angles.cos_i > cutoff && angles.cos_r > cutoff
 }
 
-/// Lights with their drift and the error of their assumed position.
+/// Lights with their drift and the error of their assumed position. Drift has no mean: that would be an error of the
+/// albedos, not of the lights.
 fn lights(scene: &Scene, seed: u64) -> Vec<StageLight> {
     let mut rng = StdRng::seed_from_u64(seed ^ 0x11_6475);
-    let sound = scene.azimuths_deg.iter().map(|&azimuth| StageLight::sound(azimuth));
-    sound
-        .map(|mut light| {
-            let normal: f64 = StandardNormal.sample(&mut rng);
-            let direction: [f64; 3] = UnitSphere.sample(&mut rng);
-            light.gain += scene.drift * normal;
-            light.assumed += scene.light_error_mm * Vector3::from(direction);
-            light
-        })
-        .collect()
+    let mut lights: Vec<StageLight> = scene.azimuths_deg.iter().map(|&azimuth| StageLight::sound(azimuth)).collect();
+    let mut drifts = Vec::new();
+    for light in &mut lights {
+        let normal: f64 = StandardNormal.sample(&mut rng);
+        let direction: [f64; 3] = UnitSphere.sample(&mut rng);
+        drifts.push(scene.drift * normal);
+        light.assumed += scene.light_error_mm * Vector3::from(direction);
+    }
+    let mean = drifts.iter().sum::<f64>() / drifts.len().max(1) as f64;
+    for (light, drift) in lights.iter_mut().zip(drifts) {
+        light.gain += drift - mean;
+    }
+    lights
 }
 
 /// Every pixel centre whose ray meets the ball, at a pixel pitch that gives about `wanted` points under the seven lights.

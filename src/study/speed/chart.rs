@@ -10,10 +10,13 @@ use std::collections::BTreeMap;
 const PANEL: [f64; 2] = [600.0, 470.0];
 const MARGIN: f64 = 84.0;
 const HEAD: f64 = 118.0;
-const LEGEND: f64 = 190.0;
-/// Below a panel: its axis, then the key of its front.
-const FOOT: f64 = 70.0;
+const LEGEND: f64 = 210.0;
+/// Below a panel: its axis, the head of the key of its front, and the title of the next.
+const FOOT: f64 = 164.0;
 const KEY_LINE: f64 = 19.0;
+
+/// Ending of the names of robust objectives.
+const ROBUST: &str = "-cauchy";
 
 /// Colours of the solvers in their order (Okabe & Ito 2008: distinct to the colour-blind).
 const COLORS: [Rgb; 8] = [
@@ -28,7 +31,7 @@ const COLORS: [Rgb; 8] = [
 ];
 
 /// Marks of the objectives in their order; the robust ones are hollow.
-const MARKS: [Mark; 3] = [Mark::Square, Mark::Triangle, Mark::Circle];
+const MARKS: [Mark; 4] = [Mark::Square, Mark::Triangle, Mark::Circle, Mark::Diamond];
 
 /// The median of a variant on a scene.
 struct Point {
@@ -48,27 +51,61 @@ struct Panel {
 
 /// What the chart says of each variant: solver and rounds, objective, points.
 fn name(variant: &Variant) -> String {
-    let rounds = variant.method.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
     let points = variant.points.map_or("all points".to_owned(), |points| format!("{points} points"));
-    format!("{}{rounds}, {}, {points}", variant.method.solver.name(), variant.method.objective_name)
+    format!("{}, {}, {points}", variant.method.solver_label(), variant.method.objective_name)
+}
+
+/// What has which colour and mark: solvers and objectives in the order they appear.
+struct Legend {
+    solvers: Vec<String>,
+    objectives: Vec<&'static str>,
+}
+
+impl Legend {
+    fn new(measured: &[Measurement]) -> Self {
+        let mut legend = Self { solvers: Vec::new(), objectives: Vec::new() };
+        for method in measured.iter().map(|one| &one.variant.method) {
+            if !legend.solvers.contains(&method.solver_label()) {
+                legend.solvers.push(method.solver_label());
+            }
+            if !legend.objectives.contains(&method.objective_name) {
+                legend.objectives.push(method.objective_name);
+            }
+        }
+        legend
+    }
+
+    fn color(&self, solver: &str) -> Rgb {
+        COLORS[self.solvers.iter().position(|known| known == solver).unwrap_or(0) % COLORS.len()]
+    }
+
+    /// The mark of an objective, and whether it is hollow.
+    fn mark(&self, objective: &str) -> (Mark, bool) {
+        let plain = objective.trim_end_matches(ROBUST);
+        let of_plain = self.objectives.iter().filter(|name| !name.ends_with(ROBUST));
+        let at = of_plain.clone().position(|known| *known == plain).unwrap_or(of_plain.count());
+        (MARKS[at.min(MARKS.len() - 1)], plain != objective)
+    }
 }
 
 /// Draws the medians over seeds, or over left-out lights.
 pub fn draw(measured: &[Measurement]) -> Result<Figure, ChartError> {
     let panels = panels(measured);
-    let fronts: Vec<usize> = panels.iter().map(|panel| panel::front(&panel.points).len()).collect();
-    let key = 30.0 + KEY_LINE * fronts.iter().copied().max().unwrap_or(0) as f64;
-    let width = panels.len() as f64 * (PANEL[0] + MARGIN) + LEGEND + 40.0;
-    let mut figure = Figure::new(width, HEAD + PANEL[1] + FOOT + key)?;
+    let legend = Legend::new(measured);
+    let longest = panels.iter().map(|panel| panel::front(&panel.points).len()).max().unwrap_or(0);
+    let step = [PANEL[0] + MARGIN, PANEL[1] + FOOT + KEY_LINE * longest as f64];
+    let columns = panels.len().min(2);
+    let width = columns as f64 * step[0] + LEGEND + 40.0;
+    let mut figure = Figure::new(width, HEAD + step[1] * panels.len().div_ceil(2) as f64 - 20.0)?;
     figure.text([24.0, 38.0], "Speed against accuracy of the fit", Font::bold(22.0), Anchor::Start);
-    let note = "Every solver, objective and subset of points; medians over seeds. \
+    let note = "Every solver, objective and subset of points; medians over seeds or left-out lights. \
                 Numbered: the Pareto front, where more accuracy (by 1 % or more) costs more time.";
     figure.text([24.0, 62.0], note, Font::plain(13.0).colored(GREY), Anchor::Start);
     for (at, panel) in panels.iter().enumerate() {
-        let left = MARGIN + at as f64 * (PANEL[0] + MARGIN);
-        panel::draw(&mut figure, panel, [left, HEAD]);
+        let origin = [MARGIN + (at % 2) as f64 * step[0], HEAD + (at / 2) as f64 * step[1]];
+        panel::draw(&mut figure, panel, &legend, origin);
     }
-    legend(&mut figure, measured, [width - LEGEND - 8.0, HEAD]);
+    draw_legend(&mut figure, &legend, [width - LEGEND - 8.0, HEAD]);
     Ok(figure)
 }
 
@@ -106,42 +143,20 @@ fn panel_of(first: &Measurement, measured: &[Measurement]) -> Panel {
     }
 }
 
-fn color_of(variant: &Variant) -> Rgb {
-    let at =
-        crate::numerics::fit::solver::SOLVERS.iter().position(|solver| solver.name() == variant.method.solver.name());
-    COLORS[at.unwrap_or(0) % COLORS.len()]
-}
-
-fn mark_of(objective: &str) -> (Mark, bool) {
-    let plain = objective.trim_end_matches("-cauchy");
-    let at = ["absolute", "relative", "noise"].iter().position(|known| *known == plain);
-    (at.map_or(Mark::Diamond, |at| MARKS[at]), plain != objective)
-}
-
-/// Solvers by colour, objectives by mark, in the order they appear.
-fn legend(figure: &mut Figure, measured: &[Measurement], [x, top]: [f64; 2]) {
-    let (mut solvers, mut objectives): (Vec<&Variant>, Vec<&str>) = (Vec::new(), Vec::new());
-    for variant in measured.iter().map(|one| &one.variant) {
-        if !solvers.iter().any(|known| known.method.solver.name() == variant.method.solver.name()) {
-            solvers.push(variant);
-        }
-        if !objectives.contains(&variant.method.objective_name) {
-            objectives.push(variant.method.objective_name);
-        }
-    }
+fn draw_legend(figure: &mut Figure, legend: &Legend, [x, top]: [f64; 2]) {
     let mut y = top + 12.0;
     figure.text([x, y], "Solver", Font::bold(14.0), Anchor::Start);
-    for variant in solvers {
+    for solver in &legend.solvers {
         y += 23.0;
-        let color = color_of(variant);
+        let color = legend.color(solver);
         figure.mark(Mark::Circle, [x + 8.0, y - 5.0], 6.0, color, color);
-        figure.text([x + 24.0, y], variant.method.solver.name(), Font::plain(14.0), Anchor::Start);
+        figure.text([x + 24.0, y], solver, Font::plain(14.0), Anchor::Start);
     }
     y += 40.0;
     figure.text([x, y], "Objective", Font::bold(14.0), Anchor::Start);
-    for objective in objectives {
+    for objective in &legend.objectives {
         y += 23.0;
-        let (mark, hollow) = mark_of(objective);
+        let (mark, hollow) = legend.mark(objective);
         figure.mark(mark, [x + 8.0, y - 5.0], 5.5, panel::fill(INK, hollow), INK);
         figure.text([x + 24.0, y], objective, Font::plain(14.0), Anchor::Start);
     }

@@ -79,7 +79,6 @@ impl Bench {
         }
         let fitted = self.fit(&rest, photographs.materials, variant)?;
         let quality = judge_left_out(LOBE, &fitted.mixture, all, &kept, |l| l == light);
-        let error = quality.map(|q| q.mean_relative_error).filter(|error| error.is_finite());
         Ok(Measurement {
             scene: photographs.name.clone(),
             variant,
@@ -88,7 +87,7 @@ impl Bench {
             left_out: Some(light),
             cpu_s: fitted.cpu_s,
             iterations: fitted.iterations,
-            outcome: Outcome::LeftOut(error),
+            outcome: Outcome::LeftOut(quality.filter(|q| q.mean_relative_error.is_finite())),
         })
     }
 }

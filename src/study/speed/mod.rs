@@ -10,6 +10,7 @@ use super::scene::{Problem, Scene};
 use super::score::Score;
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::quality::Quality;
 pub use measure::MeasureError;
 use std::path::Path;
 
@@ -71,8 +72,8 @@ pub struct Measurement {
 pub enum Outcome {
     /// Against the truth of a synthetic scene.
     Truth(Score),
-    /// Mean relative error on the light left out of the photographs; none when no point could be judged.
-    LeftOut(Option<f64>),
+    /// On the light left out of the photographs; none when no point could be judged or an error is not finite.
+    LeftOut(Option<Quality>),
 }
 
 impl Outcome {
@@ -80,7 +81,15 @@ impl Outcome {
     pub fn unseen_error(&self) -> f64 {
         match self {
             Self::Truth(score) => score.relight,
-            Self::LeftOut(error) => error.unwrap_or(f64::INFINITY),
+            Self::LeftOut(quality) => quality.map_or(f64::INFINITY, |q| q.mean_relative_error),
+        }
+    }
+
+    /// The same in highlights.
+    fn unseen_highlight_error(&self) -> Option<f64> {
+        match self {
+            Self::Truth(score) => score.relight_highlight,
+            Self::LeftOut(quality) => quality.and_then(|q| q.highlight_relative_error),
         }
     }
 }
@@ -100,7 +109,7 @@ impl Plan {
     }
 
     /// Every way to fit.
-    pub fn variants(&self) -> Vec<Variant> {
+    fn variants(&self) -> Vec<Variant> {
         let sizes: Vec<Option<usize>> = self.subsets.iter().map(|&n| Some(n)).chain([None]).collect();
         let methods = Objective::ALL.into_iter().flat_map(|(name, o)| Method::all(name, o, self.to_the_end));
         methods.flat_map(|method| sizes.iter().map(move |&points| Variant { method, points })).collect()
@@ -199,7 +208,7 @@ fn row(measured: &Measurement) -> Vec<String> {
         measured.cpu_s.to_string(),
         measured.iterations.to_string(),
         percent(Some(measured.outcome.unseen_error())),
-        percent(score.and_then(|s| s.relight_highlight)),
+        percent(measured.outcome.unseen_highlight_error()),
         percent(score.map(|s| s.fit)),
         percent(parameters.map(|p| p.beta)),
         percent(parameters.map(|p| p.rho_s)),

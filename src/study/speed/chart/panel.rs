@@ -1,6 +1,6 @@
 //! One panel: grid, points, front and its key.
 
-use super::{KEY_LINE, PANEL, Panel, Point, color_of, mark_of, name};
+use super::{KEY_LINE, Legend, PANEL, Panel, Point, name};
 use crate::study::chart::axis::{LogAxis, short};
 use crate::study::chart::{Anchor, FAINT, Figure, Font, GREY, INK, Rgb, WHITE};
 
@@ -36,7 +36,7 @@ pub fn front(points: &[Point]) -> Vec<&Point> {
 }
 
 /// Draws `panel` with its top left corner at `origin`.
-pub fn draw(figure: &mut Figure, panel: &Panel, [left, top]: [f64; 2]) {
+pub fn draw(figure: &mut Figure, panel: &Panel, legend: &Legend, [left, top]: [f64; 2]) {
     let shown: Vec<&Point> = panel.points.iter().filter(|p| p.error_pct <= WORST_PCT && p.cpu_s > 0.0).collect();
     let anchor = panel.anchor;
     let x = LogAxis::around(shown.iter().map(|p| p.cpu_s).chain(anchor.map(|a| a.0)), [left, left + PANEL[0]]);
@@ -54,9 +54,9 @@ pub fn draw(figure: &mut Figure, panel: &Panel, [left, top]: [f64; 2]) {
     let steps = steps(&front, &x, &y);
     figure.line(&steps, [150, 150, 150], 1.6, true);
     for point in &shown {
-        let (mark, hollow) = mark_of(point.variant.method.objective_name);
+        let (mark, hollow) = legend.mark(point.variant.method.objective_name);
         let radius = if point.variant.points.is_some() { SMALL } else { LARGE };
-        let color = color_of(&point.variant);
+        let color = legend.color(&point.variant.method.solver_label());
         figure.mark(mark, [x.place(point.cpu_s), y.place(point.error_pct)], radius, fill(color, hollow), color);
     }
     if let Some((seconds, percent)) = anchor {
@@ -65,7 +65,7 @@ pub fn draw(figure: &mut Figure, panel: &Panel, [left, top]: [f64; 2]) {
         figure.text([at[0] - 14.0, at[1] + 5.0], "2700 s", Font::plain(12.0), Anchor::End);
     }
     number_front(figure, panel, &front, &shown, &x, &y);
-    key(figure, &front, [left, top + PANEL[1] + 84.0]);
+    key(figure, legend, &front, [left, top + PANEL[1] + 84.0]);
     let hidden = panel.points.len() - shown.len();
     if hidden > 0 {
         let note = format!("{hidden} above {WORST_PCT} % not shown");
@@ -134,7 +134,7 @@ fn number_front(figure: &mut Figure, panel: &Panel, front: &[&Point], shown: &[&
     }
 }
 
-fn key(figure: &mut Figure, front: &[&Point], [left, top]: [f64; 2]) {
+fn key(figure: &mut Figure, legend: &Legend, front: &[&Point], [left, top]: [f64; 2]) {
     let (name_at, time_at, error_at) = (left + 26.0, left + 470.0, left + 560.0);
     let small = Font::plain(12.5);
     let head = small.colored(GREY);
@@ -144,7 +144,12 @@ fn key(figure: &mut Figure, front: &[&Point], [left, top]: [f64; 2]) {
     for (index, point) in front.iter().enumerate() {
         let y = top + KEY_LINE * (index + 1) as f64;
         figure.text([left + 18.0, y], &(index + 1).to_string(), Font::bold(12.5), Anchor::End);
-        figure.text([name_at, y], &name(&point.variant), small.colored(color_of(&point.variant)), Anchor::Start);
+        figure.text(
+            [name_at, y],
+            &name(&point.variant),
+            small.colored(legend.color(&point.variant.method.solver_label())),
+            Anchor::Start,
+        );
         figure.text([time_at, y], &short(point.cpu_s), small, Anchor::End);
         figure.text([error_at, y], &short(point.error_pct), small, Anchor::End);
     }
