@@ -81,7 +81,7 @@ fn angles(normal: [f64; 3], light: [f64; 3], view: [f64; 3]) -> Angles {
 }
 
 fn observations(oracle: &Oracle) -> Observations {
-    let mut all = Observations { lights: 7, first: vec![0], ..Observations::default() };
+    let mut all = Observations::new(7);
     for (index, point) in oracle.points.iter().enumerate() {
         let sample = |(light, s): (usize, &Seen)| {
             let angles = angles(s.normal, s.light, s.view);
@@ -118,7 +118,7 @@ fn equation_4() {
 
 fn diffuse(oracle: &Oracle) -> Diffuse {
     let all = observations(oracle);
-    let points: Vec<Vec<Sample>> = (0..all.points()).map(|p| without_highlights(all.of(p))).collect();
+    let points: Vec<Vec<Sample>> = (0..all.points()).map(|p| without_highlights(all.of(p).collect())).collect();
     log_linear(&points)
 }
 

@@ -4,3 +4,4 @@ pub mod fit;
 pub mod geometry;
 pub mod image;
 pub mod radiometry;
+pub mod simd;

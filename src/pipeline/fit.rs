@@ -10,6 +10,7 @@ use crate::numerics::fit::quality::{judge_all, judge_left_out};
 use crate::numerics::fit::selection::select_materials;
 use crate::numerics::fit::solver::{self, Solution, Solver, Task, Termination};
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
+use crate::numerics::fit::unknowns::Colour;
 use crate::numerics::fit::weights::WeightRule;
 use crate::numerics::fit::{MAX_MATERIALS, Mixture};
 use std::ops::ControlFlow;
@@ -193,7 +194,8 @@ fn run(
     let (materials, candidates) = choose_materials(options, chosen, &observations, progress)?;
     let initialised = Instant::now();
 
-    let task = Task { lobe: chosen.lobe, objective: chosen.objective, materials, rule: chosen.rule };
+    let task =
+        Task { lobe: chosen.lobe, objective: chosen.objective, materials, rule: chosen.rule, colour: Colour::Coloured };
     let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
     let mut solution = chosen.solver.solve(&observations, &task, &mut report_progress);
     if solution.termination == Termination::Cancelled {
@@ -206,12 +208,12 @@ fn run(
     let left_out =
         judge_left_out(chosen.lobe, &solution.mixture, &all, &kept, |light| options.leave_out.contains(&light));
     let free_weights = solution.mixture.gamma.iter().filter(|&&g| g > 0.0).count();
-    let freedom = (3 * observations.samples.len()).saturating_sub(free_weights + 7 * materials).max(1);
+    let freedom = (3 * observations.samples()).saturating_sub(free_weights + 7 * materials).max(1);
     let done = Instant::now();
 
     let report = Report {
         pixels: observations.points(),
-        samples: observations.samples.len(),
+        samples: observations.samples(),
         materials,
         model: options.model.clone(),
         solver: options.solver.clone(),
@@ -279,13 +281,13 @@ fn choose_materials(
 /// Why nothing is left to fit.
 fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String {
     let cutoff = chosen.cutoff;
-    if all.samples.is_empty() && all.unusable > 0 {
+    if all.samples() == 0 && all.unusable > 0 {
         return format!(
             "no valid samples: all {} lit points of the object are clipped, black or masked; check the exposures and [samples] saturation",
             all.unusable
         );
     }
-    if all.samples.is_empty() {
+    if all.samples() == 0 {
         return format!(
             "no valid samples: no point of the object is both seen and lit with cosines above {cutoff}; check [object], the mask and the light positions"
         );

@@ -115,7 +115,7 @@ fn lobe_trouble(mixture: &Mixture, m: usize, observations: &Observations) -> Lob
     if near == 0 {
         return LobeTrouble::Unidentified("no sample within 2 beta of the half vector".to_owned());
     }
-    let highlights = observations.samples.iter().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
+    let highlights = observations.all().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
     let lost = observations.unusable_highlight;
     if highlights == 0 && lost > 0 {
         return LobeTrouble::Unidentified("every highlight sample is clipped or unusable".to_owned());

@@ -28,7 +28,7 @@ pub fn preview(result: &FitResult) -> Image<[u8; 3]> {
         let gamma = result.mixture.weights_of(point);
         for sample in result.observations.of(point) {
             let Some(column) = shown.iter().position(|&light| light == sample.light) else { continue };
-            let model = predict(lobe, &result.mixture.materials, gamma, sample);
+            let model = predict(lobe, &result.mixture.materials, gamma, &sample);
             frame.put(&mut sheet, column, 0, result.observations.pixel[point], display(sample.radiance));
             frame.put(&mut sheet, column, 1, result.observations.pixel[point], display(model));
         }
@@ -68,13 +68,13 @@ impl Frame {
 
 fn white_level(result: &FitResult) -> f64 {
     let mut levels: Vec<f64> =
-        result.observations.samples.iter().map(|s| s.radiance.iter().copied().fold(0.0, f64::max)).collect();
+        result.observations.all().map(|s| s.radiance.iter().copied().fold(0.0, f64::max)).collect();
     levels.sort_by(f64::total_cmp);
     levels.get(levels.len().saturating_sub(1) * 995 / 1000).copied().unwrap_or(1.0)
 }
 
 fn shown_lights(result: &FitResult) -> Vec<usize> {
-    let mut used: Vec<usize> = result.observations.samples.iter().map(|s| s.light).collect();
+    let mut used: Vec<usize> = result.observations.all().map(|s| s.light).collect();
     used.sort_unstable();
     used.dedup();
     let count = used.len().min(COLUMNS);

@@ -94,11 +94,12 @@ fn write_residual(path: &Path, result: &FitResult) -> Result<(), ResultError> {
         ["R", "G", "B"].map(|name| (name.to_owned(), vec![0.0; width * height])).to_vec();
     for (point, &pixel) in result.observations.pixel.iter().enumerate() {
         let samples = result.observations.of(point);
+        let count = samples.len() as f64;
         for sample in samples {
-            let model = predict(lobe, &result.mixture.materials, result.mixture.weights_of(point), sample);
+            let model = predict(lobe, &result.mixture.materials, result.mixture.weights_of(point), &sample);
             for c in 0..3 {
                 let relative = (sample.radiance[c] - model[c]).abs() / sample.radiance[c];
-                channels[c].1[pixel] += (relative / samples.len() as f64) as f32;
+                channels[c].1[pixel] += (relative / count) as f32;
             }
         }
     }

@@ -4,7 +4,9 @@
 //! the roughness is computed once a sample ([`Lobe::fixed`]); what does depend on it is one of few [`Family`]s, so that a
 //! fit can run through millions of samples without knowing the model.
 
+use super::fit::observations::Row;
 use super::geometry::Angles;
+use super::simd::{LANES, Lane};
 use std::f64::consts::FRAC_1_PI;
 
 pub mod lambert;
@@ -39,6 +41,15 @@ pub trait Lobe: Send + Sync {
     fn family(&self) -> Family;
     /// What of it does not.
     fn fixed(&self, angles: &Angles) -> Fixed;
+
+    /// [`Lobe::fixed`] of a whole row: one call for many samples.
+    fn fixed_lanes(&self, row: &Row, exponent: &mut Lane, scale: &mut Lane) {
+        for lane in 0..LANES {
+            let fixed = self.fixed(&row.angles(lane));
+            exponent[lane] = fixed.exponent as f32;
+            scale[lane] = fixed.scale as f32;
+        }
+    }
 
     /// False for a model without a lobe: rho_s and beta are then no parameters.
     fn has_lobe(&self) -> bool {

@@ -93,7 +93,7 @@ impl Layout {
 
 /// Greatest rho_s of a material: rho_s <= 1 where the gauge makes rho_d a true albedo (largest channel 1 at most), and in
 /// the same proportion to rho_d in any other gauge; never below 1.
-fn specular_cap(material: &Material) -> f64 {
+pub(crate) fn specular_cap(material: &Material) -> f64 {
     material.rho_d.iter().copied().fold(1.0, f64::max)
 }
 
@@ -153,8 +153,8 @@ impl AlphaProblem<'_> {
         for point in points {
             let gamma = self.weights_of(point);
             for sample in self.observations.of(point) {
-                let bases = self.bases(materials, sample);
-                let w = self.objective.weights(sample);
+                let bases = self.bases(materials, &sample);
+                let w = self.objective.weights(&sample);
                 for c in 0..3 {
                     let mut row = [0.0; WIDE];
                     let mut model = 0.0;
@@ -267,7 +267,7 @@ mod tests {
     fn gradient_matches_numeric_differences() {
         let (observations, mixture) = synthetic(40, 2, 3);
         let layout = Layout::new(&Ward, 2);
-        for objective in [Objective::Absolute, Objective::Relative, Objective::Noise] {
+        for objective in [Objective::ABSOLUTE, Objective::RELATIVE, Objective::NOISE] {
             let problem =
                 AlphaProblem { lobe: &Ward, layout, objective, observations: &observations, gamma: &mixture.gamma };
             let x = layout.pack(&mixture.materials) * 1.07;

@@ -63,8 +63,8 @@ mod tests {
         }
         for point in 0..observations.points() {
             for sample in observations.of(point) {
-                let old = predict(&Ward, &before.materials, before.weights_of(point), sample);
-                let new = predict(&Ward, &mixture.materials, mixture.weights_of(point), sample);
+                let old = predict(&Ward, &before.materials, before.weights_of(point), &sample);
+                let new = predict(&Ward, &mixture.materials, mixture.weights_of(point), &sample);
                 for c in 0..3 {
                     assert!((old[c] / new[c] - 1.0).abs() < 1e-12);
                 }

@@ -19,12 +19,11 @@ const GREY_SATURATION: f64 = 0.08;
 const EQ9_STOP: Stop = Stop { relative_decrease: 1e-10, iterations: 200 };
 
 /// The samples of a point without its two brightest (paper 3.4); always at least one.
-pub fn without_highlights(samples: &[Sample]) -> Vec<Sample> {
+pub fn without_highlights(mut samples: Vec<Sample>) -> Vec<Sample> {
     let brightness = |s: &Sample| s.radiance.iter().sum::<f64>();
-    let mut sorted = samples.to_vec();
-    sorted.sort_by(|a, b| brightness(a).total_cmp(&brightness(b)).then(a.light.cmp(&b.light)));
-    sorted.truncate(samples.len().saturating_sub(2).max(1));
-    sorted
+    samples.sort_by(|a, b| brightness(a).total_cmp(&brightness(b)).then(a.light.cmp(&b.light)));
+    samples.truncate(samples.len().saturating_sub(2).max(1));
+    samples
 }
 
 /// Mean Lambert albedo of some samples of a point: mean of I / R with R = l_c cos(theta_i) / pi (paper Eq. 5-6).
@@ -127,21 +126,37 @@ pub fn log_linear(points: &[Vec<Sample>]) -> Diffuse {
     }
 }
 
-/// The initial mixture of `materials` classes: each point belongs wholly to its class.
-pub fn initialise(lobe: &dyn Lobe, observations: &Observations, materials: usize) -> Mixture {
-    let diffuse: Vec<Vec<Sample>> =
-        (0..observations.points()).map(|p| without_highlights(observations.of(p))).collect();
+/// A class of points: its members and what Eq. 8 says of them.
+pub struct Class {
+    /// Indices of its points.
+    pub members: Vec<usize>,
+    /// Weights of the members and diffuse albedo.
+    pub diffuse: Diffuse,
+}
+
+/// Sorts the points into classes and solves Eq. 8 for each.
+pub fn classes(observations: &Observations, materials: usize) -> Vec<Class> {
+    let mut diffuse: Vec<Vec<Sample>> =
+        (0..observations.points()).map(|p| without_highlights(observations.of(p).collect())).collect();
     let albedos: Vec<[f64; 3]> = diffuse.iter().map(|samples| mean_albedo(samples)).collect();
     let class = kmeans::cluster(&features(&albedos), materials);
+    (0..materials)
+        .map(|m| {
+            let members: Vec<usize> = (0..observations.points()).filter(|&p| class[p] == m).collect();
+            let samples: Vec<Vec<Sample>> = members.iter().map(|&p| std::mem::take(&mut diffuse[p])).collect();
+            Class { members, diffuse: log_linear(&samples) }
+        })
+        .collect()
+}
+
+/// The initial mixture of `materials` classes: each point belongs wholly to its class.
+pub fn initialise(lobe: &dyn Lobe, observations: &Observations, materials: usize) -> Mixture {
     let mut mixture = Mixture { materials: Vec::new(), gamma: vec![0.0; observations.points() * materials] };
-    for m in 0..materials {
-        let members: Vec<usize> = (0..observations.points()).filter(|&p| class[p] == m).collect();
-        let samples: Vec<Vec<Sample>> = members.iter().map(|&p| diffuse[p].clone()).collect();
-        let found = log_linear(&samples);
-        for (&point, &gamma) in members.iter().zip(&found.gamma) {
+    for (m, class) in classes(observations, materials).iter().enumerate() {
+        for (&point, &gamma) in class.members.iter().zip(&class.diffuse.gamma) {
             mixture.gamma[point * materials + m] = gamma;
         }
-        mixture.materials.push(specular(lobe, observations, &members, &found));
+        mixture.materials.push(specular(lobe, observations, &class.members, &class.diffuse));
     }
     mixture
 }
@@ -152,11 +167,8 @@ pub fn specular(lobe: &dyn Lobe, observations: &Observations, members: &[usize],
     if !lobe.has_lobe() || members.is_empty() {
         return Material { rho_s: [0.0; 3], ..start };
     }
-    let mut class = Observations { lights: observations.lights, first: vec![0], ..Observations::default() };
-    for &point in members {
-        class.push(observations.pixel[point], observations.of(point));
-    }
-    alpha::solve_specular(lobe, start, &diffuse.gamma, Objective::Absolute, &class, EQ9_STOP)
+    let class = observations.select(members);
+    alpha::solve_specular(lobe, start, &diffuse.gamma, Objective::ABSOLUTE, &class, EQ9_STOP)
 }
 
 #[cfg(test)]
@@ -181,16 +193,15 @@ mod tests {
     /// A purely diffuse single material is recovered exactly by Eq. 8.
     #[test]
     fn log_linear_recovers_a_lambert_ball() {
-        let (mut observations, truth) = synthetic(60, 1, 2);
+        let (observations, truth) = synthetic(60, 1, 2);
         let rho = truth.materials[0].rho_d;
-        for point in 0..observations.points() {
-            let gamma = truth.gamma[point];
-            for i in observations.first[point]..observations.first[point + 1] {
-                let sample = &mut observations.samples[i];
-                sample.radiance = std::array::from_fn(|c| gamma * rho[c] / PI * sample.irradiance[c]);
-            }
-        }
-        let points: Vec<Vec<Sample>> = (0..observations.points()).map(|p| observations.of(p).to_vec()).collect();
+        let lambert = |point: usize, sample: Sample| {
+            let radiance = std::array::from_fn(|c| truth.gamma[point] * rho[c] / PI * sample.irradiance[c]);
+            Sample { radiance, ..sample }
+        };
+        let points: Vec<Vec<Sample>> = (0..observations.points())
+            .map(|point| observations.of(point).map(|sample| lambert(point, sample)).collect())
+            .collect();
         let found = log_linear(&points);
         let top = truth.gamma.iter().copied().fold(0.0, f64::max);
         for c in 0..3 {

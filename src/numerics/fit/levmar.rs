@@ -17,6 +17,11 @@ pub struct Normal {
 pub trait Problem {
     /// Cost, gradient and Gauss-Newton matrix.
     fn normal(&self, x: &DVector<f64>) -> Normal;
+
+    /// Rounding noise of the cost, relative: a step that raises it by less may have lowered it.
+    fn noise(&self) -> f64 {
+        0.0
+    }
 }
 
 /// Box of permitted values and the greatest change of a step, one entry an unknown.
@@ -33,7 +38,8 @@ pub struct Bounds {
 /// When to stop.
 #[derive(Clone, Copy, Debug)]
 pub struct Stop {
-    /// Two successive relative decreases of the cost below this mean convergence.
+    /// Two successive relative decreases of the cost below this mean convergence, as does a step that promises less than
+    /// a tenth of it.
     pub relative_decrease: f64,
     /// Most accepted or refused steps.
     pub iterations: usize,
@@ -48,6 +54,8 @@ pub struct Outcome {
     pub cost: f64,
     /// True when it stopped because nothing more was to be gained.
     pub converged: bool,
+    /// Steps tried.
+    pub iterations: usize,
 }
 
 /// Minimises `problem` from `start`, which is first moved into the box.
@@ -57,33 +65,44 @@ pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, st
     let mut scale: DVector<f64> = DVector::from_element(x.len(), 1e-300);
     let mut lambda = 1e-3;
     let mut small_steps = 0;
-    for _ in 0..stop.iterations {
+    for iterations in 0..stop.iterations {
         for i in 0..x.len() {
             scale[i] = scale[i].max(normal.hessian[(i, i)]);
         }
+        let ended = |x, cost| Outcome { x, cost, converged: true, iterations };
         let free = free_unknowns(&x, &normal, bounds);
-        if free.is_empty() {
-            return Outcome { x, cost: normal.cost, converged: true };
-        }
         let candidate = step(&x, &normal, &free, &scale, lambda, bounds);
+        if free.is_empty() || lambda > 1e12 {
+            return ended(x, normal.cost);
+        }
+        if let Some(candidate) = &candidate
+            && lambda <= 1e-3
+            && promised(&normal, &(candidate - &x)) < 0.1 * stop.relative_decrease * normal.cost
+        {
+            return ended(x, normal.cost);
+        }
         // Nearly every step is accepted: evaluating it whole at once saves the pass that only asks for its cost.
         let evaluated = candidate.map(|candidate| (problem.normal(&candidate), candidate));
-        if let Some((next, candidate)) = evaluated.filter(|(next, _)| next.cost < normal.cost) {
+        let most = normal.cost * (1.0 + problem.noise());
+        if let Some((next, candidate)) = evaluated.filter(|(next, _)| next.cost < most) {
             let decrease = (normal.cost - next.cost) / normal.cost.max(f64::MIN_POSITIVE);
             small_steps = if decrease < stop.relative_decrease { small_steps + 1 } else { 0 };
             x = candidate;
             normal = next;
             lambda = (lambda * 0.1_f64).max(1e-15);
             if small_steps == 2 {
-                return Outcome { x, cost: normal.cost, converged: true };
+                return Outcome { x, cost: normal.cost, converged: true, iterations: iterations + 1 };
             }
-        } else if lambda > 1e12 {
-            return Outcome { x, cost: normal.cost, converged: true };
         } else {
             lambda *= 10.0;
         }
     }
-    Outcome { x, cost: normal.cost, converged: false }
+    Outcome { x, cost: normal.cost, converged: false, iterations: stop.iterations }
+}
+
+/// By how much the linear model says the step lowers the cost.
+fn promised(normal: &Normal, step: &DVector<f64>) -> f64 {
+    -2.0 * normal.gradient.dot(step) - step.dot(&(&normal.hessian * step))
 }
 
 fn clamp(x: &DVector<f64>, bounds: &Bounds) -> DVector<f64> {

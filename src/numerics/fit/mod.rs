@@ -5,16 +5,22 @@
 //! points in a fixed order, so that the result is the same to the bit at any number of threads.
 
 pub mod alpha;
+pub mod folds;
 pub mod gauge;
 pub mod initialise;
+pub mod kernel;
 pub mod kmeans;
 pub mod levmar;
 pub mod objective;
 pub mod observations;
+pub mod prepared;
 pub mod quality;
+pub mod sampling;
 pub mod selection;
 pub mod solver;
 pub mod uncertainty;
+pub mod unknowns;
+pub mod varpro;
 pub mod weights;
 pub mod zheng2008;
 

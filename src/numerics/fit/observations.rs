@@ -2,7 +2,9 @@
 
 use crate::numerics::geometry::{Angles, Light, Projection, Sphere};
 use crate::numerics::image::{Image, RadianceImage};
+use crate::numerics::simd::{LANES, Lane};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// One point under one light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,15 +21,91 @@ pub struct Sample {
     pub variance: [f64; 3],
 }
 
-/// Every sample of every point, grouped by point.
+/// One sample of each of [`LANES`] points that stand side by side; zeros where a point has no more samples.
+///
+/// Kept in f32: rounding is 6e-8 of a value, measured radiance is not known to better than 1e-3.
+#[derive(Clone, Debug)]
+#[repr(align(64))]
+pub struct Row {
+    /// tan^2 of the half angle.
+    pub tan2_half: Lane,
+    /// Cosine between normal and light; 1 where there is no sample.
+    pub cos_i: Lane,
+    /// Cosine between normal and view; 1 where there is no sample.
+    pub cos_r: Lane,
+    /// Cosine between light and view.
+    pub cos_iv: Lane,
+    /// Irradiance on the surface per channel.
+    pub irradiance: [Lane; 3],
+    /// Measured radiance per channel.
+    pub radiance: [Lane; 3],
+    /// Variance of the radiance per channel; 0 where unknown.
+    pub variance: [Lane; 3],
+    /// Index of the light.
+    pub light: [u16; LANES],
+}
+
+impl Row {
+    const EMPTY: Self = Self {
+        tan2_half: [0.0; LANES],
+        cos_i: [1.0; LANES],
+        cos_r: [1.0; LANES],
+        cos_iv: [1.0; LANES],
+        irradiance: [[0.0; LANES]; 3],
+        radiance: [[0.0; LANES]; 3],
+        variance: [[0.0; LANES]; 3],
+        light: [0; LANES],
+    };
+
+    /// Angles of one lane.
+    pub fn angles(&self, lane: usize) -> Angles {
+        Angles {
+            cos_i: f64::from(self.cos_i[lane]),
+            cos_r: f64::from(self.cos_r[lane]),
+            tan2_half: f64::from(self.tan2_half[lane]),
+            cos_iv: f64::from(self.cos_iv[lane]),
+        }
+    }
+
+    fn get(&self, lane: usize) -> Sample {
+        let rgb = |lanes: &[Lane; 3]| std::array::from_fn(|c| f64::from(lanes[c][lane]));
+        Sample {
+            light: usize::from(self.light[lane]),
+            angles: self.angles(lane),
+            irradiance: rgb(&self.irradiance),
+            radiance: rgb(&self.radiance),
+            variance: rgb(&self.variance),
+        }
+    }
+
+    fn set(&mut self, lane: usize, sample: &Sample) {
+        // No dataset has this many lights; the reader refuses more.
+        self.light[lane] = u16::try_from(sample.light).unwrap_or(u16::MAX);
+        self.tan2_half[lane] = sample.angles.tan2_half as f32;
+        self.cos_i[lane] = sample.angles.cos_i as f32;
+        self.cos_r[lane] = sample.angles.cos_r as f32;
+        self.cos_iv[lane] = sample.angles.cos_iv as f32;
+        for c in 0..3 {
+            self.irradiance[c][lane] = sample.irradiance[c] as f32;
+            self.radiance[c][lane] = sample.radiance[c] as f32;
+            self.variance[c][lane] = sample.variance[c] as f32;
+        }
+    }
+}
+
+/// Every sample of every point. Points stand in blocks of [`LANES`]; row k of a block holds the k-th sample of each.
 #[derive(Clone, Debug, Default)]
 pub struct Observations {
     /// Per point, index of its pixel in the image.
     pub pixel: Vec<usize>,
-    /// Per point, where its samples begin in `samples`; one more entry than points.
-    pub first: Vec<usize>,
-    /// All samples, point by point.
-    pub samples: Vec<Sample>,
+    /// Samples per point.
+    count: Vec<u16>,
+    /// Per block, where its rows begin.
+    first: Vec<usize>,
+    /// All rows, block by block.
+    rows: Vec<Row>,
+    /// Samples in all.
+    samples: usize,
     /// Lights in all, used or not.
     pub lights: usize,
     /// Lit, visible samples not used because their value was unusable (clipped, too dark, masked by the merge).
@@ -68,7 +146,7 @@ impl Observations {
             .into_par_iter()
             .map(|y| (0..width).filter_map(|x| gather_point(scene, x, y, y * width + x)).collect())
             .collect();
-        let mut all = Self { lights: scene.lights.len(), first: vec![0], ..Self::default() };
+        let mut all = Self::new(scene.lights.len());
         for point in rows.into_iter().flatten() {
             all.unusable += point.unusable;
             all.unusable_highlight += point.unusable_highlight;
@@ -79,14 +157,25 @@ impl Observations {
         all
     }
 
+    /// No points yet, under this many lights.
+    pub fn new(lights: usize) -> Self {
+        Self { lights, ..Self::default() }
+    }
+
     /// Adds a point with its samples.
     pub fn push(&mut self, pixel: usize, samples: &[Sample]) {
-        if self.first.is_empty() {
-            self.first.push(0);
+        let lane = self.pixel.len() % LANES;
+        if lane == 0 {
+            self.first.push(self.rows.len());
+        }
+        let first = self.first[self.first.len() - 1];
+        self.rows.resize(self.rows.len().max(first + samples.len()), Row::EMPTY);
+        for (row, sample) in self.rows[first..].iter_mut().zip(samples) {
+            row.set(lane, sample);
         }
         self.pixel.push(pixel);
-        self.samples.extend_from_slice(samples);
-        self.first.push(self.samples.len());
+        self.count.push(u16::try_from(samples.len()).unwrap_or(u16::MAX));
+        self.samples += samples.len();
     }
 
     /// Number of points.
@@ -94,38 +183,80 @@ impl Observations {
         self.pixel.len()
     }
 
-    /// Samples of one point.
-    pub fn of(&self, point: usize) -> &[Sample] {
-        &self.samples[self.first[point]..self.first[point + 1]]
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.samples
     }
 
-    /// The samples whose light `keep` accepts, of the points that still have at least `least` of them; and, per point kept,
-    /// its index here.
-    pub fn filtered(&self, least: usize, keep: impl Fn(usize) -> bool) -> (Self, Vec<usize>) {
-        let mut kept = Self { lights: self.lights, first: vec![0], ..Self::default() };
+    /// Number of blocks of points.
+    pub fn blocks(&self) -> usize {
+        self.first.len()
+    }
+
+    /// Rows of some blocks.
+    pub fn rows_of(&self, blocks: Range<usize>) -> Range<usize> {
+        let at = |block: usize| self.first.get(block).copied().unwrap_or(self.rows.len());
+        at(blocks.start)..at(blocks.end)
+    }
+
+    /// All rows, block by block.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Samples of one point.
+    pub fn of(&self, point: usize) -> impl ExactSizeIterator<Item = Sample> + Clone + '_ {
+        let (first, count) = (self.first[point / LANES], usize::from(self.count[point]));
+        self.rows[first..first + count].iter().map(move |row| row.get(point % LANES))
+    }
+
+    /// All samples, point by point.
+    pub fn all(&self) -> impl Iterator<Item = Sample> + '_ {
+        (0..self.points()).flat_map(|point| self.of(point))
+    }
+
+    /// The samples that `change` returns for the samples here, of the points that still have at least `least` of them; and,
+    /// per point kept, its index here.
+    pub fn changed(&self, least: usize, mut change: impl FnMut(usize, Sample) -> Option<Sample>) -> (Self, Vec<usize>) {
+        let mut kept = Self { unusable: self.unusable, ..Self::new(self.lights) };
+        kept.unusable_highlight = self.unusable_highlight;
         let mut origin = Vec::new();
+        let mut samples = Vec::new();
         for point in 0..self.points() {
-            let samples: Vec<Sample> = self.of(point).iter().filter(|s| keep(s.light)).copied().collect();
+            samples.clear();
+            samples.extend(self.of(point).filter_map(|sample| change(point, sample)));
             if samples.len() >= least {
                 kept.push(self.pixel[point], &samples);
                 origin.push(point);
             }
         }
-        kept.unusable = self.unusable;
-        kept.unusable_highlight = self.unusable_highlight;
         (kept, origin)
+    }
+
+    /// The samples whose light `keep` accepts, of the points that still have at least `least` of them; and, per point kept,
+    /// its index here.
+    pub fn filtered(&self, least: usize, keep: impl Fn(usize) -> bool) -> (Self, Vec<usize>) {
+        self.changed(least, |_, sample| keep(sample.light).then_some(sample))
+    }
+
+    /// The points of these indices.
+    pub fn select(&self, points: &[usize]) -> Self {
+        let mut kept = Self::new(self.lights);
+        let mut samples = Vec::new();
+        for &point in points {
+            samples.clear();
+            samples.extend(self.of(point));
+            kept.push(self.pixel[point], &samples);
+        }
+        kept
     }
 
     /// At most `count` points, evenly spread over the points here (deterministic).
     pub fn subset(&self, count: usize) -> Self {
-        let mut kept = Self { lights: self.lights, first: vec![0], ..Self::default() };
         let total = self.points();
         let taken = count.min(total);
-        for i in 0..taken {
-            let point = i * total / taken;
-            kept.push(self.pixel[point], self.of(point));
-        }
-        kept
+        let spread: Vec<usize> = (0..taken).map(|i| i * total / taken).collect();
+        self.select(&spread)
     }
 }
 
@@ -171,7 +302,7 @@ pub(crate) mod tests {
             Material { rho_d: [0.1, 0.2, 0.35], rho_s: [0.07, 0.05, 0.06], beta: 0.25 },
             Material { rho_d: [0.3, 0.05, 0.1], rho_s: [0.03, 0.03, 0.05], beta: 0.18 },
         ];
-        let mut observations = Observations { lights: 7, first: vec![0], ..Observations::default() };
+        let mut observations = Observations::new(7);
         let mut mixture = Mixture { materials: known[..materials].to_vec(), gamma: Vec::new() };
         let view = -Vec3::z();
         while observations.points() < points {
@@ -212,7 +343,7 @@ pub(crate) mod tests {
     fn a_light_that_is_filtered_out_leaves_no_sample() {
         let (observations, _) = synthetic(50, 2, 1);
         let (kept, origin) = observations.filtered(3, |light| light != 2);
-        assert!(kept.samples.iter().all(|s| s.light != 2));
+        assert!(kept.all().all(|s| s.light != 2));
         assert_eq!(kept.points(), origin.len());
         for (point, &from) in origin.iter().enumerate() {
             assert_eq!(kept.pixel[point], observations.pixel[from]);

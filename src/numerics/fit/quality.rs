@@ -70,8 +70,8 @@ pub fn judge(
             let mut sums = Sums::default();
             for point in chunk * CHUNK..((chunk + 1) * CHUNK).min(points) {
                 let Some(known) = point_of(point) else { continue };
-                for sample in observations.of(point).iter().filter(|s| judged(s.light)) {
-                    sums.add(sample, predict(lobe, &mixture.materials, mixture.weights_of(known), sample));
+                for sample in observations.of(point).filter(|s| judged(s.light)) {
+                    sums.add(&sample, predict(lobe, &mixture.materials, mixture.weights_of(known), &sample));
                 }
             }
             sums
@@ -108,16 +108,18 @@ mod tests {
     use crate::numerics::brdf::ward::Ward;
     use crate::numerics::fit::observations::tests::synthetic;
 
+    /// Observations are kept in f32.
+    const F32: f64 = 1e-7;
+
     /// Measured radiance 4 % above the model everywhere: |I - model| / I is 0.04 / 1.04 on every sample.
     #[test]
     fn a_uniform_offset_gives_its_relative_error() {
-        let (mut observations, mixture) = synthetic(50, 2, 21);
-        for sample in &mut observations.samples {
-            sample.radiance = sample.radiance.map(|i| 1.04 * i);
-        }
+        let (clean, mixture) = synthetic(50, 2, 21);
+        let brighter = |sample: Sample| Sample { radiance: sample.radiance.map(|i| 1.04 * i), ..sample };
+        let (observations, _) = clean.changed(1, |_, sample| Some(brighter(sample)));
         let quality = judge_all(&Ward, &mixture, &observations).unwrap();
-        assert!((quality.mean_relative_error - 0.04 / 1.04).abs() < 1e-12);
-        assert!((quality.highlight_relative_error.unwrap_or(0.0) - 0.04 / 1.04).abs() < 1e-12);
+        assert!((quality.mean_relative_error - 0.04 / 1.04).abs() < F32);
+        assert!((quality.highlight_relative_error.unwrap_or(0.0) - 0.04 / 1.04).abs() < F32);
         assert!(judge(&Ward, &mixture, &observations, Some, |light| light == 99).is_none());
     }
 }

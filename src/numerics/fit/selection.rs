@@ -107,18 +107,19 @@ fn fit(
 mod tests {
     use super::*;
     use crate::numerics::brdf::ward::Ward;
-    use crate::numerics::fit::observations::tests::synthetic;
+    use crate::numerics::fit::observations::{Sample, tests::synthetic};
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
     #[test]
     fn takes_as_many_materials_as_made_the_data() {
         for truth in [1, 2] {
-            let (mut observations, _) = synthetic(500, truth, 30 + truth as u64);
+            let (clean, _) = synthetic(500, truth, 30 + truth as u64);
             let mut rng = StdRng::seed_from_u64(31);
-            for sample in &mut observations.samples {
-                sample.radiance = sample.radiance.map(|i| i * (1.0 + rng.random_range(-0.03..0.03)));
-            }
-            let found = select_materials(&Ward, &observations, Objective::Noise, &mut || ControlFlow::Continue(()));
+            let (observations, _) = clean.changed(1, |_, sample| {
+                let radiance = sample.radiance.map(|i| i * (1.0 + rng.random_range(-0.03..0.03)));
+                Some(Sample { radiance, ..sample })
+            });
+            let found = select_materials(&Ward, &observations, Objective::NOISE, &mut || ControlFlow::Continue(()));
             let taken: Vec<usize> = found.iter().filter(|c| c.taken).map(|c| c.materials).collect();
             assert_eq!(taken, vec![truth], "{found:?}");
         }

@@ -4,6 +4,8 @@ use super::Mixture;
 use super::initialise::initialise;
 use super::objective::Objective;
 use super::observations::Observations;
+use super::unknowns::Colour;
+use super::varpro::{Subset, Varpro};
 use super::weights::WeightRule;
 use super::zheng2008::{self, Options};
 use crate::numerics::brdf::Lobe;
@@ -18,6 +20,8 @@ pub struct Task {
     pub objective: Objective,
     /// Number of materials, 1 to [`super::MAX_MATERIALS`].
     pub materials: usize,
+    /// How much of a lobe is fitted; the paper's alternation knows coloured lobes only.
+    pub colour: Colour,
     /// Constraints of the weights; only the paper's alternation knows another rule than `exact`.
     pub rule: WeightRule,
 }
@@ -75,7 +79,10 @@ impl Solver for Zheng2008 {
 }
 
 /// Every solver that can be selected.
-pub const SOLVERS: &[&dyn Solver] = &[&Zheng2008];
+pub const SOLVERS: &[&dyn Solver] = &[&Varpro, &Subset(SUBSET), &Zheng2008];
+
+/// Points that settle the BRDF parameters for the solver `subset`.
+const SUBSET: usize = 3000;
 
 /// The solver of this name, if rigd has it.
 pub fn by_name(name: &str) -> Option<&'static dyn Solver> {

@@ -127,7 +127,7 @@ fn eliminate(
         let mut coupling = DMatrix::zeros(n, free.len());
         let mut block = DMatrix::zeros(free.len(), free.len());
         for sample in observations.of(point) {
-            let w = objective.weights(sample);
+            let w = objective.weights(&sample);
             let mut bases = [Basis::default(); MAX_MATERIALS];
             for (basis, material) in bases.iter_mut().zip(&mixture.materials) {
                 (basis.lobe, basis.slope) = lobe.value_and_slope(&sample.angles, material.beta);
@@ -218,7 +218,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::ward::Ward;
-    use crate::numerics::fit::observations::tests::synthetic;
+    use crate::numerics::fit::observations::{Sample, tests::synthetic};
     use crate::numerics::fit::zheng2008::{Options, solve};
     use rand::{SeedableRng, rngs::StdRng};
     use rand_distr::{Distribution, Normal};
@@ -232,14 +232,13 @@ mod tests {
         let noise = Normal::new(0.0, 0.02).unwrap();
         let mut pulls = Vec::new();
         for _ in 0..40 {
-            let mut noisy = clean.clone();
-            for sample in &mut noisy.samples {
-                sample.radiance = sample.radiance.map(|i| i * (1.0 + noise.sample(&mut rng)));
-                sample.variance = [0.0; 3];
-            }
-            let options = Options { relative_decrease: 1e-8, ..Options::new(Objective::Noise) };
+            let (noisy, _) = clean.changed(1, |_, sample| {
+                let radiance = sample.radiance.map(|i| i * (1.0 + noise.sample(&mut rng)));
+                Some(Sample { radiance, variance: [0.0; 3], ..sample })
+            });
+            let options = Options { relative_decrease: 1e-8, ..Options::new(Objective::NOISE) };
             let found = solve(&Ward, &noisy, truth.clone(), options, &mut |_, _| ControlFlow::Continue(()));
-            let errors = uncertainty(&Ward, &found.mixture, Objective::Noise, &noisy);
+            let errors = uncertainty(&Ward, &found.mixture, Objective::NOISE, &noisy);
             assert!(errors.alpha.iter().all(Option::is_some), "no unknown is at a bound: {:?}", errors.alpha);
             let sigma = errors.alpha[6].unwrap_or(f64::NAN);
             pulls.push((found.mixture.materials[0].beta / truth.materials[0].beta).ln() / sigma);

@@ -36,14 +36,19 @@ pub(crate) struct PointQuadratic {
 }
 
 impl PointQuadratic {
-    pub(crate) fn new(lobe: &dyn Lobe, materials: &[Material], objective: Objective, samples: &[Sample]) -> Self {
+    pub(crate) fn new(
+        lobe: &dyn Lobe,
+        materials: &[Material],
+        objective: Objective,
+        samples: impl Iterator<Item = Sample>,
+    ) -> Self {
         let count = materials.len();
         let mut q = Self { count, g: [[0.0; MAX_MATERIALS]; MAX_MATERIALS], b: [0.0; MAX_MATERIALS] };
         for sample in samples {
-            let w = objective.weights(sample);
+            let w = objective.weights(&sample);
             let mut unit = [[0.0; 3]; MAX_MATERIALS];
             for (slot, material) in unit.iter_mut().zip(materials) {
-                *slot = unit_radiance(lobe, material, sample);
+                *slot = unit_radiance(lobe, material, &sample);
             }
             for m in 0..count {
                 for c in 0..3 {

@@ -97,7 +97,7 @@ mod tests {
         let (observations, mut truth) = synthetic(250, 2, 11);
         gauge::normalise(&mut truth);
         let start = initialise(&Ward, &observations, 2);
-        let options = Options { iterations: 1000, relative_decrease: 1e-8, ..Options::new(Objective::Relative) };
+        let options = Options { iterations: 1000, relative_decrease: 1e-8, ..Options::new(Objective::RELATIVE) };
         let solution = solve(&Ward, &observations, start, options, &mut |_, _| ControlFlow::Continue(()));
         for (found, known) in solution.mixture.materials.iter().zip(&truth.materials) {
             assert!((found.beta / known.beta - 1.0).abs() < 0.02, "{found:?} instead of {known:?}");
@@ -110,7 +110,7 @@ mod tests {
         let (observations, _) = synthetic(200, 2, 12);
         let start = initialise(&Ward, &observations, 2);
         let mut costs = Vec::new();
-        let options = Options { iterations: 15, relative_decrease: 0.0, ..Options::new(Objective::Noise) };
+        let options = Options { iterations: 15, relative_decrease: 0.0, ..Options::new(Objective::NOISE) };
         solve(&Ward, &observations, start, options, &mut |_, cost| {
             costs.push(cost);
             ControlFlow::Continue(())

@@ -1,0 +1,79 @@
+//! Left-out lights: every light is predicted by a fit that did not see it.
+
+use super::kernel::{self, Sign};
+use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};
+use super::predict;
+use super::prepared::{Prepared, Recipe};
+use crate::numerics::brdf::Material;
+
+/// Most groups of lights left out in turn: with many lights, one group holds every so-manieth.
+const GROUPS: usize = 7;
+
+/// A point needs this many samples under the other lights to be predicted.
+const LEAST: usize = 2;
+
+/// Samples without one group of lights, and those of that group.
+struct Fold {
+    rest: Observations,
+    /// Points of `rest` and what they send under the lights left out.
+    left_out: Vec<(usize, Sample)>,
+}
+
+/// The observations split once for every group of lights.
+pub struct Folds {
+    folds: Vec<Fold>,
+}
+
+/// Errors of predictions under lights the fit never saw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Mean of |I - model| / I over left-out samples and channels.
+    pub overall: f64,
+    /// The same over samples with a half angle below 6 degrees; none where there is no such sample.
+    pub highlight: Option<f64>,
+}
+
+impl Folds {
+    /// Splits `observations`.
+    pub fn new(observations: &Observations) -> Self {
+        let groups = observations.lights.min(GROUPS);
+        let fold = |group: usize| {
+            let (rest, kept) = observations.filtered(LEAST, |light| light % groups != group);
+            let of = |(index, &point): (usize, &usize)| {
+                observations.of(point).filter(|s| s.light % groups == group).map(|s| (index, s)).collect::<Vec<_>>()
+            };
+            let left_out = kept.iter().enumerate().flat_map(of).collect();
+            Fold { rest, left_out }
+        };
+        let mut folds: Vec<Fold> = (0..groups).map(fold).collect();
+        folds.retain(|fold| fold.rest.points() > 0 && !fold.left_out.is_empty());
+        Self { folds }
+    }
+}
+
+/// Error of the materials that `fit` finds without each group of lights, on that group. None where no light can be left
+/// out.
+pub fn predicted(
+    folds: &Folds,
+    recipe: &Recipe<'_>,
+    mut fit: impl FnMut(&Prepared) -> Vec<Material>,
+) -> Option<LeftOut> {
+    let (mut sum, mut count, mut bright, mut brights) = (0.0, 0.0, 0.0, 0.0);
+    for fold in &folds.folds {
+        let prepared = Prepared::new(&fold.rest, recipe);
+        let materials = fit(&prepared);
+        let (gamma, _) = kernel::weights(&prepared, &materials, Sign::NonNegative);
+        for (point, sample) in &fold.left_out {
+            let weights = &gamma[point * materials.len()..(point + 1) * materials.len()];
+            let model = predict(recipe.lobe, &materials, weights, sample);
+            let error = (0..3).map(|c| (sample.radiance[c] - model[c]).abs() / sample.radiance[c]).sum::<f64>() / 3.0;
+            sum += error;
+            count += 1.0;
+            if sample.angles.half_angle() < HIGHLIGHT_HALF_ANGLE {
+                bright += error;
+                brights += 1.0;
+            }
+        }
+    }
+    (count > 0.0).then(|| LeftOut { overall: sum / count, highlight: (brights > 0.0).then(|| bright / brights) })
+}

@@ -1,0 +1,160 @@
+//! Observations made ready for the inner loops under one model and one objective: what does not change while BRDF
+//! parameters and weights do is computed once.
+
+use super::CHUNK;
+use super::objective::{CAUCHY_SCALE, MODEL_FLOOR, Measure, Objective};
+use super::observations::{Observations, Row};
+use crate::numerics::brdf::{Family, Lobe};
+use crate::numerics::simd::{LANES, Lane};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Rows that one task makes ready.
+const TASK: usize = 128;
+
+/// Blocks of points in a chunk.
+pub(super) const BLOCKS: usize = CHUNK / LANES;
+
+/// A [`Row`] made ready.
+#[derive(Clone)]
+#[repr(align(64))]
+pub struct ReadyRow {
+    /// What the roughness is compared with (`brdf::Fixed`).
+    pub exponent: Lane,
+    /// Factor of the lobe (`brdf::Fixed`).
+    pub scale: Lane,
+    /// tan^2 of the angles of incidence and reflection.
+    pub tan2: [Lane; 2],
+    /// Irradiance over the standard deviation the objective gives the sample; 0 where there is none.
+    pub irradiance: [Lane; 3],
+    /// Radiance over the same.
+    pub radiance: [Lane; 3],
+}
+
+/// Ready rows of all points, or of a chunk of them.
+pub struct Prepared {
+    /// How the lobe depends on its roughness.
+    pub family: Family,
+    /// Cauchy's scale in units of the residuals; none for plain squares.
+    pub cauchy: Option<f32>,
+    /// What a cost has to be multiplied by: absolute radiances are brought near 1 first.
+    pub unit2: f64,
+    /// Points.
+    pub points: usize,
+    first: Vec<usize>,
+    rows: Vec<ReadyRow>,
+}
+
+/// What samples are made ready with.
+#[derive(Clone, Copy)]
+pub struct Recipe<'a> {
+    /// Reflection model.
+    pub lobe: &'a dyn Lobe,
+    /// Objective.
+    pub objective: Objective,
+    /// Factor of each light's irradiance; none for 1.
+    pub gains: Option<&'a [f64]>,
+    /// Root mean square radiance ([`brightness`]), which absolute residuals are measured by.
+    pub brightness: f64,
+}
+
+/// Root mean square radiance of all samples.
+pub fn brightness(observations: &Observations) -> f64 {
+    let mut sum = 0.0;
+    for row in observations.rows() {
+        let square: f32 = row.radiance.iter().flatten().map(|i| i * i).sum();
+        sum += f64::from(square);
+    }
+    let mean = sum / (3 * observations.samples()).max(1) as f64;
+    if mean > 0.0 { mean.sqrt() } else { 1.0 }
+}
+
+impl Prepared {
+    /// All points of `observations`.
+    pub fn new(observations: &Observations, recipe: &Recipe<'_>) -> Self {
+        Self::of_blocks(observations, recipe, 0..observations.blocks())
+    }
+
+    /// Some blocks of `observations`.
+    pub fn of_blocks(observations: &Observations, recipe: &Recipe<'_>, blocks: Range<usize>) -> Self {
+        let unit = if recipe.objective.measure == Measure::Absolute { recipe.brightness } else { 1.0 };
+        let deviation = if recipe.objective.measure == Measure::Noise { 1.0 } else { MODEL_FLOOR };
+        let points = observations.points().min(blocks.end * LANES) - blocks.start * LANES;
+        let begin = observations.rows_of(0..blocks.start).end;
+        let first: Vec<usize> =
+            (blocks.start..=blocks.end).map(|block| observations.rows_of(block..block).start - begin).collect();
+        let source = &observations.rows()[observations.rows_of(blocks.clone())];
+        let mut rows = vec![EMPTY; source.len()];
+        rows.par_chunks_mut(TASK).zip(source.par_chunks(TASK)).for_each(|(ready, source)| {
+            for (ready, row) in ready.iter_mut().zip(source) {
+                prepare(recipe, row, ready);
+            }
+        });
+        Self {
+            family: recipe.lobe.family(),
+            cauchy: recipe.objective.cauchy.then_some((CAUCHY_SCALE * deviation) as f32),
+            unit2: unit * unit,
+            points,
+            first,
+            rows,
+        }
+    }
+
+    /// Number of blocks.
+    pub fn blocks(&self) -> usize {
+        self.first.len() - 1
+    }
+
+    /// Rows of a block.
+    pub fn block(&self, block: usize) -> &[ReadyRow] {
+        &self.rows[self.first[block]..self.first[block + 1]]
+    }
+}
+
+fn prepare(recipe: &Recipe<'_>, row: &Row, ready: &mut ReadyRow) {
+    recipe.lobe.fixed_lanes(row, &mut ready.exponent, &mut ready.scale);
+    if recipe.lobe.family() == Family::Ggx {
+        let tan2 = |cos: f32| (1.0 - cos * cos).max(0.0) / (cos * cos);
+        ready.tan2 = [row.cos_i.map(tan2), row.cos_r.map(tan2)];
+    }
+    let over_brightness = (1.0 / recipe.brightness) as f32;
+    match recipe.objective.measure {
+        Measure::Absolute => scaled(row, ready, |_, _| over_brightness),
+        Measure::Relative => scaled(row, ready, |i, _| 1.0 / i),
+        Measure::Noise => scaled(row, ready, deviation),
+    }
+    if let Some(gains) = recipe.gains {
+        for lane in 0..LANES {
+            let gain = gains[usize::from(row.light[lane])] as f32;
+            ready.irradiance.iter_mut().for_each(|channel| channel[lane] *= gain);
+        }
+    }
+}
+
+const EMPTY: ReadyRow = ReadyRow {
+    exponent: [0.0; LANES],
+    scale: [0.0; LANES],
+    tan2: [[0.0; LANES]; 2],
+    irradiance: [[0.0; LANES]; 3],
+    radiance: [[0.0; LANES]; 3],
+};
+
+/// One over the standard deviation of noise and model floor.
+#[inline]
+fn deviation(radiance: f32, variance: f32) -> f32 {
+    let floor = MODEL_FLOOR as f32 * radiance;
+    1.0 / (variance + floor * floor).sqrt()
+}
+
+/// Irradiance and radiance times `weight(radiance, variance)`; zero where there is no sample.
+#[inline]
+fn scaled(row: &Row, ready: &mut ReadyRow, weight: impl Fn(f32, f32) -> f32) {
+    for c in 0..3 {
+        for lane in 0..LANES {
+            let radiance = row.radiance[c][lane];
+            let weight = if radiance > 0.0 { weight(radiance, row.variance[c][lane]) } else { 0.0 };
+            ready.irradiance[c][lane] = row.irradiance[c][lane] * weight;
+            ready.radiance[c][lane] = radiance * weight;
+        }
+    }
+}
