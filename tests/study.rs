@@ -6,6 +6,7 @@ use rigd::numerics::fit::Mixture;
 use rigd::numerics::fit::objective::Objective;
 use rigd::numerics::fit::observations::{Observations, Sample};
 use rigd::numerics::fit::solver::{OnIteration, Solution, Solver, Task, Termination};
+use rigd::numerics::fit::varpro::Subset;
 use rigd::study::forward::{Reflectance, TrueMaterial, reflect};
 use rigd::study::method::Method;
 use rigd::study::scene::{Clipping, Problem, Scene};
@@ -22,7 +23,7 @@ fn channels(observations: &Observations, of: fn(&Sample) -> [f64; 3]) -> Vec<f64
     let mut all = Vec::new();
     for point in 0..observations.points() {
         for sample in observations.of(point) {
-            all.extend(of(sample));
+            all.extend(of(&sample));
         }
     }
     all
@@ -198,8 +199,10 @@ impl Solver for Broken {
     }
 }
 
+static SUBSETS: [Subset; 1] = [Subset(60)];
+
 fn method(solver: &'static dyn Solver) -> Method {
-    Method { solver, objective_name: "relative", objective: Objective::Relative, rounds: None }
+    Method { solver, objective: Objective::RELATIVE, points: None, rounds: None }
 }
 
 static NOT_A_NUMBER: Broken = Broken { rho_d: f64::NAN, gamma: 0.5 };
@@ -251,7 +254,7 @@ fn parse(text: &str) -> Vec<Vec<String>> {
 #[test]
 fn the_stability_table_reads_back_and_is_the_same_at_any_number_of_threads() {
     let mut plan = broken_plan(&|_, _, _| Vec::new());
-    plan.columns = stability::columns("relative", false);
+    plan.columns = stability::columns(Objective::RELATIVE, false);
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let cells = pool(1).install(|| stability::run(&plan, &|_, _| {}));
     assert_eq!(cells, pool(3).install(|| stability::run(&plan, &|_, _| {})));
@@ -277,7 +280,7 @@ fn the_speed_table_holds_every_fit_with_its_seed() {
         observations: small().generate(9).observations,
         materials: 2,
     };
-    let plan = speed::Plan { scenes, seeds: 2, subsets: vec![60], to_the_end: false, photographs: Some(photographs) };
+    let plan = speed::Plan { scenes, seeds: 2, subsets: &SUBSETS, to_the_end: false, photographs: Some(photographs) };
     let measured = speed::run(&plan, &mut |done, total| assert!(done <= total)).unwrap();
     let directory = tempfile::tempdir().unwrap();
     speed::write(directory.path(), &measured).unwrap();

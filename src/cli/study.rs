@@ -1,9 +1,8 @@
 //! `rigd study`: how fast, how accurate and how stable the solvers are.
 
 use super::error::bad_input;
-use crate::numerics::fit::observations::Observations;
-use crate::numerics::fit::solver::{Solution, Task, Termination};
-use crate::pipeline::fit::{FitOptions, fit};
+use crate::numerics::fit::objective::Objective;
+use crate::pipeline::fit::{FitOptions, fit, warnings_of};
 use crate::store::dataset;
 use crate::study::speed::{self, Photographs};
 use crate::study::stability;
@@ -15,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Which study.
 #[derive(clap::Subcommand)]
 pub enum Study {
-    /// Processor seconds of one thread against accuracy: every solver, objective and subset of points.
+    /// Processor seconds of one thread against accuracy: every solver, objective and size of subset.
     ///
     /// Writes speed.csv, speed.svg and speed.png. The error is that of noise-free radiance under four lights the fit never
     /// saw, in percent; for photographs, that on lights left out of the fit in turn. The short form (2 scenes of 3 000
@@ -84,12 +83,12 @@ fn run_speed(args: &SpeedArgs) -> anyhow::Result<()> {
 }
 
 fn run_stability(args: &StabilityArgs) -> anyhow::Result<()> {
-    let options = FitOptions::default();
+    let objective = Objective::by_name(&FitOptions::default().objective).context("the default objective")?;
     let plan = stability::Plan {
         rows: stability::rows(args.long),
-        columns: stability::columns(&options.objective, args.long),
+        columns: stability::columns(objective, args.long),
         seeds: args.seeds.unwrap_or(if args.long { 20 } else { 2 }),
-        warnings: &warnings,
+        warnings: &|observations, _, solution| warnings_of(solution, observations),
     };
     make(&args.out)?;
     let bar = ProgressBar::new(0);
@@ -109,15 +108,6 @@ fn make(directory: &Path) -> anyhow::Result<()> {
 fn show(bar: &ProgressBar, done: usize, total: usize) {
     bar.set_length(total as u64);
     bar.set_position(done as u64);
-}
-
-/// What a report would say of a fit with a known number of materials.
-fn warnings(_: &Observations, _: &Task, solution: &Solution) -> Vec<String> {
-    let mut all = solution.notes.clone();
-    if solution.termination == Termination::IterationLimit {
-        all.push("still gaining at the iteration limit".to_owned());
-    }
-    all
 }
 
 /// The samples of a dataset, and how many materials `rigd fit` finds in it.

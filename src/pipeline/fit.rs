@@ -299,12 +299,8 @@ fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String 
     )
 }
 
-fn warnings(
-    solution: &Solution,
-    observations: &Observations,
-    candidates: &[CandidateReport],
-    options: &FitOptions,
-) -> Vec<String> {
+/// What a reader must be warned of, whatever was asked for.
+pub fn warnings_of(solution: &Solution, observations: &Observations) -> Vec<String> {
     let mut warnings = Vec::new();
     if solution.termination == Termination::IterationLimit {
         warnings.push(format!(
@@ -321,6 +317,16 @@ fn warnings(
     if observations.lights < 3 {
         warnings.push("fewer than three lights: the materials are not determined".to_owned());
     }
+    warnings
+}
+
+fn warnings(
+    solution: &Solution,
+    observations: &Observations,
+    candidates: &[CandidateReport],
+    options: &FitOptions,
+) -> Vec<String> {
+    let mut warnings = warnings_of(solution, observations);
     if options.materials.is_none() && candidates.len() < 2 {
         warnings.push("too few lights to judge a second material: one was fitted".to_owned());
     }

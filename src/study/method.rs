@@ -4,6 +4,8 @@ use crate::numerics::brdf::{Lobe, ward::Ward};
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::solver::{SOLVERS, Solution, Solver, Task};
+use crate::numerics::fit::unknowns::Colour;
+use crate::numerics::fit::varpro::Subset;
 use crate::numerics::fit::weights::WeightRule;
 use std::ops::ControlFlow;
 
@@ -18,27 +20,28 @@ const PAPER_ROUNDS: usize = 10;
 pub struct Method {
     /// Solver.
     pub solver: &'static dyn Solver,
-    /// Name of the objective.
-    pub objective_name: &'static str,
     /// What is minimised.
     pub objective: Objective,
+    /// Points that settle the materials; none where all do.
+    pub points: Option<usize>,
     /// Outer iterations after which the solver is stopped; none lets it end by itself.
     pub rounds: Option<usize>,
 }
 
 impl Method {
-    /// Every solver with one objective. The paper's alternation comes as its authors stopped it, and to the end only when
-    /// `to_the_end`: that takes up to 300 rounds.
-    pub fn all(objective_name: &'static str, objective: Objective, to_the_end: bool) -> Vec<Self> {
+    /// Every solver with one objective: the one that fits a subset in each of the sizes `subsets`, the paper's alternation as
+    /// its authors stopped it, and to the end (up to 300 rounds) when `to_the_end`.
+    pub fn all(objective: Objective, subsets: &'static [Subset], to_the_end: bool) -> Vec<Self> {
         let mut all = Vec::new();
         for &solver in SOLVERS {
-            let method = Self { solver, objective_name, objective, rounds: None };
-            let papers = solver.name() == "zheng2008";
-            if papers {
-                all.push(Self { rounds: Some(PAPER_ROUNDS), ..method });
-            }
-            if !papers || to_the_end {
-                all.push(method);
+            let method = Self { solver, objective, points: None, rounds: None };
+            match solver.name() {
+                "subset" => all.extend(subsets.iter().map(|s| Self { solver: s, points: Some(s.0), ..method })),
+                "zheng2008" => {
+                    all.push(Self { rounds: Some(PAPER_ROUNDS), ..method });
+                    all.extend(to_the_end.then_some(method));
+                }
+                _ => all.push(method),
             }
         }
         all
@@ -52,7 +55,8 @@ impl Method {
 
     /// What the solver is asked for.
     pub fn task(&self, materials: usize) -> Task {
-        Task { lobe: LOBE, objective: self.objective, materials, rule: WeightRule::Exact }
+        let (objective, colour, rule) = (self.objective, Colour::Coloured, WeightRule::Exact);
+        Task { lobe: LOBE, objective, materials, colour, rule }
     }
 
     /// Fits.

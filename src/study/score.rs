@@ -5,8 +5,8 @@ use crate::numerics::brdf::{Lobe, Material};
 use crate::numerics::fit::observations::{HIGHLIGHT_HALF_ANGLE, Sample};
 use crate::numerics::fit::{Mixture, predict};
 
-/// Relight error of a sound fit to the undisturbed scenes: marble 0.60 %, wood 0.58 %. No solver can do better, it is the
-/// noise of each point's own weights.
+/// Relight error that the true BRDF parameters leave on the undisturbed scenes (marble 0.60 %, wood 0.58 %): the noise of
+/// each point's own weights.
 pub const BEST_RELIGHT: f64 = 0.006;
 
 /// A fit has failed when its relight error exceeds this many times [`BEST_RELIGHT`].
@@ -56,7 +56,7 @@ pub fn score(lobe: &dyn Lobe, problem: &Problem, mixture: &Mixture) -> Score {
     let mut fit = Vec::new();
     for point in 0..problem.observations.points() {
         for sample in problem.observations.of(point) {
-            fit.push(of(point, sample));
+            fit.push(of(point, &sample));
         }
     }
     Score {

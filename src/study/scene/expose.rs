@@ -55,7 +55,7 @@ pub fn expose(scene: &Scene, stage: &Stage, gamma: &[f64], seed: u64) -> (Observ
     all.sort_by(f64::total_cmp);
     let median = all.get(all.len() / 2).copied().unwrap_or(0.0);
     let mut rng = StdRng::seed_from_u64(seed ^ 0x5e_4507);
-    let mut observations = Observations { lights: stage.lights.len(), ..Observations::default() };
+    let mut observations = Observations::new(stage.lights.len());
     let mut kept = Vec::new();
     for (index, samples) in sound.into_iter().enumerate() {
         let mut usable = Vec::new();

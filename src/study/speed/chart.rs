@@ -2,9 +2,10 @@
 
 mod panel;
 
-use super::{Measurement, Variant};
+use super::Measurement;
 use crate::study::chart::{Anchor, ChartError, Figure, Font, GREY, INK, Mark, Rgb};
 use crate::study::median;
+use crate::study::method::Method;
 use std::collections::BTreeMap;
 
 const PANEL: [f64; 2] = [600.0, 470.0];
@@ -33,9 +34,9 @@ const COLORS: [Rgb; 8] = [
 /// Marks of the objectives in their order; the robust ones are hollow.
 const MARKS: [Mark; 4] = [Mark::Square, Mark::Triangle, Mark::Circle, Mark::Diamond];
 
-/// The median of a variant on a scene.
+/// The median of a method on a scene.
 struct Point {
-    variant: Variant,
+    method: Method,
     cpu_s: f64,
     error_pct: f64,
 }
@@ -49,10 +50,10 @@ struct Panel {
     points: Vec<Point>,
 }
 
-/// What the chart says of each variant: solver and rounds, objective, points.
-fn name(variant: &Variant) -> String {
-    let points = variant.points.map_or("all points".to_owned(), |points| format!("{points} points"));
-    format!("{}, {}, {points}", variant.method.solver_label(), variant.method.objective_name)
+/// What the chart says of each method: solver and rounds, objective, points.
+fn name(method: &Method) -> String {
+    let points = method.points.map_or("all points".to_owned(), |points| format!("{points} points"));
+    format!("{}, {}, {points}", method.solver_label(), method.objective.name())
 }
 
 /// What has which colour and mark: solvers and objectives in the order they appear.
@@ -64,12 +65,12 @@ struct Legend {
 impl Legend {
     fn new(measured: &[Measurement]) -> Self {
         let mut legend = Self { solvers: Vec::new(), objectives: Vec::new() };
-        for method in measured.iter().map(|one| &one.variant.method) {
+        for method in measured.iter().map(|one| &one.method) {
             if !legend.solvers.contains(&method.solver_label()) {
                 legend.solvers.push(method.solver_label());
             }
-            if !legend.objectives.contains(&method.objective_name) {
-                legend.objectives.push(method.objective_name);
+            if !legend.objectives.contains(&method.objective.name()) {
+                legend.objectives.push(method.objective.name());
             }
         }
         legend
@@ -98,7 +99,7 @@ pub fn draw(measured: &[Measurement]) -> Result<Figure, ChartError> {
     let width = columns as f64 * step[0] + LEGEND + 40.0;
     let mut figure = Figure::new(width, HEAD + step[1] * panels.len().div_ceil(2) as f64 - 20.0)?;
     figure.text([24.0, 38.0], "Speed against accuracy of the fit", Font::bold(22.0), Anchor::Start);
-    let note = "Every solver, objective and subset of points; medians over seeds or left-out lights. \
+    let note = "Every solver, objective and size of subset; medians over seeds or left-out lights. \
                 Numbered: the Pareto front, where more accuracy (by 1 % or more) costs more time.";
     figure.text([24.0, 62.0], note, Font::plain(13.0).colored(GREY), Anchor::Start);
     for (at, panel) in panels.iter().enumerate() {
@@ -122,10 +123,10 @@ fn panels(measured: &[Measurement]) -> Vec<Panel> {
 fn panel_of(first: &Measurement, measured: &[Measurement]) -> Panel {
     let mut groups: BTreeMap<String, Vec<&Measurement>> = BTreeMap::new();
     for one in measured.iter().filter(|one| one.scene == first.scene) {
-        groups.entry(name(&one.variant)).or_default().push(one);
+        groups.entry(name(&one.method)).or_default().push(one);
     }
     let point = |group: &Vec<&Measurement>| Point {
-        variant: group[0].variant,
+        method: group[0].method,
         cpu_s: median(group.iter().map(|one| one.cpu_s).collect()),
         error_pct: 100.0 * median(group.iter().map(|one| one.outcome.unseen_error()).collect()),
     };

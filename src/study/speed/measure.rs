@@ -1,11 +1,10 @@
 //! One fit on one thread, with its processor time.
 
-use super::{Measurement, Outcome, Photographs, Variant};
+use super::{Measurement, Outcome, Photographs};
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::judge_left_out;
-use crate::numerics::fit::weights::{WeightRule, solve_weights};
-use crate::study::method::LOBE;
+use crate::study::method::{LOBE, Method};
 use nix::time::{ClockId, clock_gettime};
 use std::time::Duration;
 
@@ -55,13 +54,13 @@ impl Bench {
     }
 
     /// Fits and takes the time of the one thread that works.
-    pub fn fit(&self, observations: &Observations, materials: usize, variant: Variant) -> Result<Fitted, MeasureError> {
+    pub fn fit(&self, observations: &Observations, materials: usize, method: Method) -> Result<Fitted, MeasureError> {
         self.pool.install(|| {
             let begin = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
-            let (mixture, iterations) = fit(observations, materials, variant);
+            let solution = method.solve(observations, materials);
             let end = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
             let cpu_s = Duration::from(end).saturating_sub(Duration::from(begin)).as_secs_f64();
-            Ok(Fitted { mixture, iterations, cpu_s })
+            Ok(Fitted { mixture: solution.mixture, iterations: solution.iterations, cpu_s })
         })
     }
 
@@ -69,7 +68,7 @@ impl Bench {
     pub fn photographs(
         &self,
         photographs: &Photographs,
-        variant: Variant,
+        method: Method,
         light: usize,
     ) -> Result<Measurement, MeasureError> {
         let all = &photographs.observations;
@@ -77,11 +76,11 @@ impl Bench {
         if rest.points() == 0 {
             return Err(MeasureError::TooFewLights(light));
         }
-        let fitted = self.fit(&rest, photographs.materials, variant)?;
+        let fitted = self.fit(&rest, photographs.materials, method)?;
         let quality = judge_left_out(LOBE, &fitted.mixture, all, &kept, |l| l == light);
         Ok(Measurement {
             scene: photographs.name.clone(),
-            variant,
+            method,
             scene_points: all.points(),
             seed: None,
             left_out: Some(light),
@@ -90,16 +89,4 @@ impl Bench {
             outcome: Outcome::LeftOut(quality.filter(|q| q.mean_relative_error.is_finite())),
         })
     }
-}
-
-fn fit(observations: &Observations, materials: usize, variant: Variant) -> (Mixture, usize) {
-    let method = variant.method;
-    let Some(count) = variant.points.filter(|&count| count < observations.points()) else {
-        let solution = method.solve(observations, materials);
-        return (solution.mixture, solution.iterations);
-    };
-    let solution = method.solve(&observations.subset(count), materials);
-    let materials = solution.mixture.materials;
-    let gamma = solve_weights(LOBE, &materials, method.objective, WeightRule::Exact, observations);
-    (Mixture { materials, gamma }, solution.iterations)
 }

@@ -1,4 +1,4 @@
-//! Speed against accuracy: every solver with every objective on every point or on a subset of them, one thread.
+//! Speed against accuracy: every solver with every objective, one thread.
 
 mod chart;
 mod measure;
@@ -11,17 +11,14 @@ use super::score::Score;
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::Quality;
+use crate::numerics::fit::varpro::Subset;
 pub use measure::MeasureError;
 use std::path::Path;
 
-/// One way to fit, and to how much.
-#[derive(Clone, Copy)]
-pub struct Variant {
-    /// Solver, objective and when to stop.
-    pub method: Method,
-    /// Materials are fitted to this many points, evenly spread, and then the weights of all; none fits all at once.
-    pub points: Option<usize>,
-}
+/// Sizes of subsets in the short form.
+static FEW: [Subset; 1] = [Subset(300)];
+/// Sizes of subsets in the long form.
+static MANY: [Subset; 4] = [Subset(200), Subset(500), Subset(1000), Subset(3000)];
 
 /// What a study of speed covers.
 pub struct Plan {
@@ -30,7 +27,7 @@ pub struct Plan {
     /// Seeds: 0 to this, exclusive.
     pub seeds: u64,
     /// Sizes of the subsets.
-    pub subsets: Vec<usize>,
+    pub subsets: &'static [Subset],
     /// False leaves out the paper's alternation beyond its ten rounds: it takes seconds a fit.
     pub to_the_end: bool,
     /// Photographs, if there are any.
@@ -52,7 +49,7 @@ pub struct Measurement {
     /// Name of the scene.
     pub scene: String,
     /// How it was fitted.
-    pub variant: Variant,
+    pub method: Method,
     /// Points of the scene.
     pub scene_points: usize,
     /// Seed of the scene; none for photographs.
@@ -99,20 +96,18 @@ impl Plan {
     pub fn short() -> Self {
         let small = |scene: Scene| Scene { points: 3000, ..scene };
         let scenes = vec![("marble".to_owned(), small(Scene::marble())), ("wood".to_owned(), small(Scene::wood()))];
-        Self { scenes, seeds: 2, subsets: vec![300], to_the_end: false, photographs: None }
+        Self { scenes, seeds: 2, subsets: &FEW, to_the_end: false, photographs: None }
     }
 
     /// Both scenes at the size of Zheng 2008.
     pub fn long() -> Self {
         let scenes = vec![("marble".to_owned(), Scene::marble()), ("wood".to_owned(), Scene::wood())];
-        Self { scenes, seeds: 8, subsets: vec![200, 1000, 3000], to_the_end: true, photographs: None }
+        Self { scenes, seeds: 8, subsets: &MANY, to_the_end: true, photographs: None }
     }
 
     /// Every way to fit.
-    fn variants(&self) -> Vec<Variant> {
-        let sizes: Vec<Option<usize>> = self.subsets.iter().map(|&n| Some(n)).chain([None]).collect();
-        let methods = Objective::ALL.into_iter().flat_map(|(name, o)| Method::all(name, o, self.to_the_end));
-        methods.flat_map(|method| sizes.iter().map(move |&points| Variant { method, points })).collect()
+    fn methods(&self) -> Vec<Method> {
+        Objective::ALL.into_iter().flat_map(|(_, o)| Method::all(o, self.subsets, self.to_the_end)).collect()
     }
 }
 
@@ -121,24 +116,24 @@ impl Plan {
 /// # Errors
 /// A thread cannot be started or its clock cannot be read.
 pub fn run(plan: &Plan, progress: &mut dyn FnMut(usize, usize)) -> Result<Vec<Measurement>, MeasureError> {
-    let variants = plan.variants();
+    let methods = plan.methods();
     let lights = plan.photographs.as_ref().map_or(Vec::new(), |p| measure::lights_to_leave_out(p.observations.lights));
-    let total = variants.len() * (plan.scenes.len() * plan.seeds as usize + lights.len());
+    let total = methods.len() * (plan.scenes.len() * plan.seeds as usize + lights.len());
     let bench = measure::Bench::new()?;
     let mut all = Vec::with_capacity(total);
     for (name, scene) in &plan.scenes {
         for seed in 0..plan.seeds {
             let problem = scene.generate(seed);
-            for &variant in &variants {
-                all.push(synthetic(&bench, name, scene, &problem, variant, seed)?);
+            for &method in &methods {
+                all.push(synthetic(&bench, name, scene, &problem, method, seed)?);
                 progress(all.len(), total);
             }
         }
     }
     if let Some(photographs) = &plan.photographs {
         for &light in &lights {
-            for &variant in &variants {
-                all.push(bench.photographs(photographs, variant, light)?);
+            for &method in &methods {
+                all.push(bench.photographs(photographs, method, light)?);
                 progress(all.len(), total);
             }
         }
@@ -151,13 +146,13 @@ fn synthetic(
     name: &str,
     scene: &Scene,
     problem: &Problem,
-    variant: Variant,
+    method: Method,
     seed: u64,
 ) -> Result<Measurement, MeasureError> {
-    let fitted = bench.fit(&problem.observations, scene.materials.len(), variant)?;
+    let fitted = bench.fit(&problem.observations, scene.materials.len(), method)?;
     Ok(Measurement {
         scene: name.to_owned(),
-        variant,
+        method,
         scene_points: problem.observations.points(),
         seed: Some(seed),
         left_out: None,
@@ -195,16 +190,16 @@ fn row(measured: &Measurement) -> Vec<String> {
         Outcome::LeftOut(_) => None,
     };
     let parameters = score.and_then(|s| s.parameters);
-    let variant = &measured.variant;
+    let method = &measured.method;
     vec![
         measured.scene.clone(),
         measured.scene_points.to_string(),
         measured.seed.map_or(String::new(), |seed| seed.to_string()),
         count(measured.left_out),
-        variant.method.solver.name().to_owned(),
-        variant.method.objective_name.to_owned(),
-        variant.points.unwrap_or(measured.scene_points).to_string(),
-        count(variant.method.rounds),
+        method.solver.name().to_owned(),
+        method.objective.name().to_owned(),
+        method.points.unwrap_or(measured.scene_points).min(measured.scene_points).to_string(),
+        count(method.rounds),
         measured.cpu_s.to_string(),
         measured.iterations.to_string(),
         percent(Some(measured.outcome.unseen_error())),

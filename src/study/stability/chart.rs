@@ -5,9 +5,9 @@ use crate::study::chart::axis::short;
 use crate::study::chart::{Anchor, ChartError, Figure, Font, GREY, INK, Rgb, WHITE};
 use crate::study::score::{BEST_RELIGHT, FAILURE_FACTOR};
 
-const CELL: [f64; 2] = [118.0, 22.0];
+const CELL: [f64; 2] = [108.0, 22.0];
 const LABELS: f64 = 330.0;
-const HEAD: f64 = 128.0;
+const HEAD: f64 = 140.0;
 const FOOT: f64 = 84.0;
 
 /// What a heat map shows.
@@ -85,14 +85,12 @@ fn head(figure: &mut Figure, plan: &Plan<'_>, map: &Map) {
     figure.text([LABELS - 14.0, HEAD - 10.0], "level", Font::bold(13.0), Anchor::End);
     for (at, column) in plan.columns.iter().enumerate() {
         let x = LABELS + CELL[0] * (at as f64 + 0.5);
-        figure.text([x, HEAD - 26.0], column.solver.name(), Font::bold(13.0), Anchor::Middle);
-        let rounds = column.rounds.map_or(String::new(), |rounds| format!(", {rounds} rounds"));
-        figure.text(
-            [x, HEAD - 10.0],
-            &format!("{}{rounds}", column.objective_name),
-            Font::plain(12.0).colored(GREY),
-            Anchor::Middle,
-        );
+        let limit = |count: Option<usize>, of: &str| count.map_or(String::new(), |n| format!("{n} {of}"));
+        let small = Font::plain(12.0).colored(GREY);
+        figure.text([x, HEAD - 42.0], column.solver.name(), Font::bold(13.0), Anchor::Middle);
+        figure.text([x, HEAD - 26.0], column.objective.name(), small, Anchor::Middle);
+        let limits = limit(column.points, "points") + &limit(column.rounds, "rounds");
+        figure.text([x, HEAD - 10.0], &limits, small, Anchor::Middle);
     }
 }
 

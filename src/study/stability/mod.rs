@@ -12,6 +12,7 @@ use super::score::{ParameterErrors, Score, score};
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::solver::{Solution, Task};
+use crate::numerics::fit::varpro::Subset;
 use rayon::prelude::*;
 pub use regimes::{Row, rows};
 use std::path::Path;
@@ -56,15 +57,13 @@ pub struct Cell {
     pub warnings: f64,
 }
 
+/// The subset of the points of a scene that the solver of that name fits.
+static SUBSETS: [Subset; 1] = [Subset(300)];
+
 /// The paper's alternation with the paper's objective, ten rounds (Zheng 2008, Eq. 11), then every solver with `objective`.
-/// Empty when there is no objective of this name.
-pub fn columns(objective: &str, long: bool) -> Vec<Method> {
-    let all = |wanted: &str, long| {
-        let known = Objective::ALL.into_iter().find(|(name, _)| *name == wanted);
-        known.map_or(Vec::new(), |(name, objective)| Method::all(name, objective, long))
-    };
-    let papers = all("relative", false).into_iter().filter(|method| method.rounds.is_some());
-    papers.chain(all(objective, long).into_iter().filter(|method| method.rounds.is_none())).collect()
+pub fn columns(objective: Objective, long: bool) -> Vec<Method> {
+    let papers = Method::all(Objective::RELATIVE, &[], false).into_iter().filter(|method| method.rounds.is_some());
+    papers.chain(Method::all(objective, &SUBSETS, long).into_iter().filter(|method| method.rounds.is_none())).collect()
 }
 
 /// Runs the plan: `cells[row][column]`, the same at any number of threads. `progress` hears how many scenes of how many
@@ -124,12 +123,13 @@ fn cell(fits: Vec<(Score, usize)>) -> Cell {
 }
 
 /// Columns of `stability.csv`.
-pub const COLUMNS: [&str; 17] = [
+pub const COLUMNS: [&str; 18] = [
     "regime",
     "level",
     "fitted_materials",
     "solver",
     "objective",
+    "fitted_points",
     "round_limit",
     "seeds",
     "relight_median_pct",
@@ -151,7 +151,8 @@ fn line(row: &Row, column: &Method, seeds: u64, cell: &Cell) -> Vec<String> {
         row.level.to_owned(),
         row.materials.to_string(),
         column.solver.name().to_owned(),
-        column.objective_name.to_owned(),
+        column.objective.name().to_owned(),
+        column.points.map_or(String::new(), |points| points.to_string()),
         column.rounds.map_or(String::new(), |rounds| rounds.to_string()),
         seeds.to_string(),
         percent(Some(cell.relight)),

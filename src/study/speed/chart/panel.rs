@@ -54,9 +54,9 @@ pub fn draw(figure: &mut Figure, panel: &Panel, legend: &Legend, [left, top]: [f
     let steps = steps(&front, &x, &y);
     figure.line(&steps, [150, 150, 150], 1.6, true);
     for point in &shown {
-        let (mark, hollow) = legend.mark(point.variant.method.objective_name);
-        let radius = if point.variant.points.is_some() { SMALL } else { LARGE };
-        let color = legend.color(&point.variant.method.solver_label());
+        let (mark, hollow) = legend.mark(point.method.objective.name());
+        let radius = if point.method.points.is_some() { SMALL } else { LARGE };
+        let color = legend.color(&point.method.solver_label());
         figure.mark(mark, [x.place(point.cpu_s), y.place(point.error_pct)], radius, fill(color, hollow), color);
     }
     if let Some((seconds, percent)) = anchor {
@@ -146,8 +146,8 @@ fn key(figure: &mut Figure, legend: &Legend, front: &[&Point], [left, top]: [f64
         figure.text([left + 18.0, y], &(index + 1).to_string(), Font::bold(12.5), Anchor::End);
         figure.text(
             [name_at, y],
-            &name(&point.variant),
-            small.colored(legend.color(&point.variant.method.solver_label())),
+            &name(&point.method),
+            small.colored(legend.color(&point.method.solver_label())),
             Anchor::Start,
         );
         figure.text([time_at, y], &short(point.cpu_s), small, Anchor::End);
