@@ -18,7 +18,7 @@ pub enum Study {
     ///
     /// Writes speed.csv, speed.svg and speed.png. The error is that of noise-free radiance under four lights the fit never
     /// saw, in percent; for photographs, that on lights left out of the fit in turn. The short form (2 scenes of 3 000
-    /// points, 2 seeds) takes less than a minute, --long (13 067 and 10 997 points, 8 seeds) about half an hour. Run nothing
+    /// points, 2 seeds) takes less than a minute, --long (13 067 and 10 997 points, 8 seeds) about ten minutes. Run nothing
     /// else meanwhile: times are of one thread, but memory is shared.
     Speed(SpeedArgs),
     /// What each solver makes of clipping, noise, outliers, few lights, wrong positions, alike materials and other trouble.
