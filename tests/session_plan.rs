@@ -118,6 +118,8 @@ fn a_fit_that_no_fit_can_be_is_refused_before_anything_moves() {
     rig.fit = rig_config::Fit {
         materials: Some(9),
         model: "plastic".into(),
+        lobe: "auto".into(),
+        gains: "auto".into(),
         solver: "magic".into(),
         objective: "beauty".into(),
         ..rig.fit

@@ -77,6 +77,8 @@ fn rig() -> Rig {
         fit: rig_config::Fit {
             materials: Some(2),
             model: "ward".into(),
+            lobe: "auto".into(),
+            gains: "auto".into(),
             solver: "zheng2008".into(),
             objective: "noise".into(),
             cosine_cutoff: 0.15,

@@ -3,6 +3,7 @@
 
 use rigd::numerics::brdf::{Material, ward::Ward};
 use rigd::numerics::fit::Mixture;
+use rigd::numerics::fit::kernel::Sign;
 use rigd::numerics::fit::objective::Objective;
 use rigd::numerics::fit::observations::{Observations, Sample};
 use rigd::numerics::fit::solver::{OnIteration, Solution, Solver, Task, Termination};
@@ -195,7 +196,8 @@ impl Solver for Broken {
             materials: vec![material; task.materials],
             gamma: vec![self.gamma; observations.points() * task.materials],
         };
-        Solution { mixture, cost: 0.0, iterations: 1, termination: Termination::Converged, notes: Vec::new() }
+        let termination = Termination::Converged;
+        Solution { mixture, cost: 0.0, iterations: 1, termination, sign: Sign::NonNegative, notes: Vec::new() }
     }
 }
 

@@ -194,6 +194,14 @@ pub(crate) struct RawFit {
     /// BRDF model, a name of `rigd fit --help`.
     #[schemars(length(min = 1, max = 64))]
     pub model: String,
+    /// Colour of the lobe, a name of `rigd fit --help`.
+    #[serde(default = "default_choice")]
+    #[schemars(length(min = 1, max = 64))]
+    pub lobe: String,
+    /// Light gains, a name of `rigd fit --help`.
+    #[serde(default = "default_choice")]
+    #[schemars(length(min = 1, max = 64))]
+    pub gains: String,
     /// Solver, a name of `rigd fit --help`.
     #[schemars(length(min = 1, max = 64))]
     pub solver: String,
@@ -203,6 +211,11 @@ pub(crate) struct RawFit {
     /// Samples with cos theta_i or cos theta_r at or below this are not used.
     #[schemars(range(min = 0, max = 0.9))]
     pub cosine_cutoff: f64,
+}
+
+/// Left-out lights choose.
+fn default_choice() -> String {
+    "auto".to_owned()
 }
 
 /// Where sessions are kept.

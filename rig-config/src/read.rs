@@ -157,6 +157,8 @@ impl RawRig {
             fit: Fit {
                 materials: fit.materials,
                 model: fit.model,
+                lobe: fit.lobe,
+                gains: fit.gains,
                 solver: fit.solver,
                 objective: fit.objective,
                 cosine_cutoff: fit.cosine_cutoff,

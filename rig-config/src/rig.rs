@@ -169,6 +169,10 @@ pub struct Fit {
     pub materials: Option<usize>,
     /// BRDF model name.
     pub model: String,
+    /// Colour of the lobe, by name.
+    pub lobe: String,
+    /// Whether light gains are fitted, by name.
+    pub gains: String,
     /// Solver name.
     pub solver: String,
     /// Objective name.

@@ -2,6 +2,7 @@
 
 use super::error::bad_input;
 use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, cpu_seconds, fit};
+use crate::pipeline::options::{AUTO, models};
 use crate::pipeline::report::{Identified, Parameter};
 use crate::store::{dataset, result};
 use std::io::{IsTerminal, Write};
@@ -20,17 +21,24 @@ pub struct Args {
     /// Number of materials, 1 to 4, or auto: left-out lights decide.
     #[arg(long, default_value = "auto", value_parser = parse_materials)]
     pub materials: Materials,
-    /// BRDF model: ward, lambert.
-    #[arg(long, default_value = "ward")]
+    /// BRDF model, by name.
+    #[arg(long, default_value = AUTO, help = format!("BRDF model: {}", models().join(", ")))]
     pub model: String,
-    /// Solver: zheng2008.
-    #[arg(long, default_value = "zheng2008")]
+    /// Lobe: none, achromatic (one specular albedo), coloured (one a channel), or auto: left-out lights decide.
+    #[arg(long, default_value = AUTO)]
+    pub lobe: String,
+    /// A gain for each light against lamp drift: on, off, or auto: left-out lights decide.
+    #[arg(long, default_value = AUTO)]
+    pub gains: String,
+    /// Solver: varpro (exact weights eliminated), subset (parameters from 3000 points), zheng2008 (the paper's alternation).
+    #[arg(long, default_value = "varpro")]
     pub solver: String,
-    /// Weights: exact (gamma >= 0, the sum is a gauge) or paper (Eq. 10: sum gamma <= 1 as well).
+    /// Weights: exact (gamma >= 0, the sum is a gauge) or, for zheng2008, paper (Eq. 10: sum gamma <= 1 as well).
     #[arg(long, default_value = "exact")]
     pub weights: String,
-    /// Objective: absolute (Eq. 2), relative (Eq. 11), noise (variance and a 2 % model floor).
-    #[arg(long, default_value = "noise")]
+    /// Objective: absolute (Eq. 2), relative (Eq. 11), noise (variance and a 2 % model floor), each with -cauchy against
+    /// outliers.
+    #[arg(long, default_value = "noise-cauchy")]
     pub objective: String,
     /// Lights kept out of the fit and used to judge it, numbered from 0: 3,5.
     #[arg(long, value_delimiter = ',')]
@@ -65,6 +73,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let options = FitOptions {
         materials: args.materials.0,
         model: args.model.clone(),
+        lobe: args.lobe.clone(),
+        gains: args.gains.clone(),
         solver: args.solver.clone(),
         weights: args.weights.clone(),
         objective: args.objective.clone(),
@@ -75,7 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let bar = progress_bar(args.json);
     let mut on_progress = |progress: FitProgress| {
         if progress.iteration > 0 {
-            bar.set_message(format!("alternation {}, cost {:.6e}", progress.iteration, progress.cost));
+            bar.set_message(format!("iteration {}, cost {:.6e}", progress.iteration, progress.cost));
         }
         ControlFlow::Continue(())
     };
@@ -128,7 +138,7 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
     let report = &fitted.report;
     writeln!(
         out,
-        "{} points, {} samples, {} material(s), {} by {} ({} objective), {} after {} alternations, {:.2} s",
+        "{} points, {} samples, {} material(s), {} by {} ({} objective), {} after {} iterations, {:.2} s",
         report.pixels,
         report.samples,
         report.materials,
@@ -169,10 +179,14 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
     for candidate in &report.candidates {
         writeln!(
             out,
-            "{} material(s): {:.2} % on left-out lights{}",
+            "{} {} material(s), {} {}{}: {} on left-out lights; {}",
+            if candidate.taken { "->" } else { "  " },
             candidate.materials,
-            100.0 * candidate.left_out_relative_error,
-            if candidate.taken { ", taken" } else { "" }
+            candidate.lobe,
+            candidate.model,
+            if candidate.light_gains { ", light gains" } else { "" },
+            percent(candidate.left_out_relative_error),
+            candidate.reason
         )?;
     }
     for warning in &report.warnings {

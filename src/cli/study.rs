@@ -2,7 +2,10 @@
 
 use super::error::bad_input;
 use crate::numerics::fit::objective::Objective;
-use crate::pipeline::fit::{FitOptions, fit, warnings_of};
+use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::quality::judge_all;
+use crate::numerics::fit::solver::{Solution, Task};
+use crate::pipeline::fit::{FitOptions, fit, reduced_chi2, warnings_of};
 use crate::store::dataset;
 use crate::study::speed::{self, Photographs};
 use crate::study::stability;
@@ -88,7 +91,7 @@ fn run_stability(args: &StabilityArgs) -> anyhow::Result<()> {
         rows: stability::rows(args.long),
         columns: stability::columns(objective, args.long),
         seeds: args.seeds.unwrap_or(if args.long { 20 } else { 2 }),
-        warnings: &|observations, _, solution| warnings_of(solution, observations),
+        warnings: &warnings,
     };
     make(&args.out)?;
     let bar = ProgressBar::new(0);
@@ -108,6 +111,13 @@ fn make(directory: &Path) -> anyhow::Result<()> {
 fn show(bar: &ProgressBar, done: usize, total: usize) {
     bar.set_length(total as u64);
     bar.set_position(done as u64);
+}
+
+/// What the report of a fit would warn of.
+fn warnings(observations: &Observations, task: &Task, solution: &Solution) -> Vec<String> {
+    let quality = judge_all(task.lobe, &solution.mixture, observations);
+    let chi2 = quality.map_or(f64::INFINITY, |q| reduced_chi2(task, &solution.mixture, observations, q.chi2));
+    warnings_of(solution, observations, chi2)
 }
 
 /// The samples of a dataset, and how many materials `rigd fit` finds in it.

@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use super::{HttpState, events, metrics, results, rig, sessions};
-use crate::session::handle::{MAX_MATERIALS, models, objectives};
+use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
 use axum::http::header;
@@ -96,6 +96,9 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
                 (count.minimum, count.maximum) = (Some(1.into()), Some(MAX_MATERIALS.into()));
             }
             ("model", RefOr::T(Schema::Object(name))) => name.enum_values = names(models()),
+            ("lobe", RefOr::T(Schema::Object(name))) => name.enum_values = names(lobes()),
+            ("gains", RefOr::T(Schema::Object(name))) => name.enum_values = names(GAINS.to_vec()),
+            ("solver", RefOr::T(Schema::Object(name))) => name.enum_values = names(solvers()),
             ("objective", RefOr::T(Schema::Object(name))) => name.enum_values = names(objectives()),
             ("leave_out", RefOr::T(Schema::Array(list))) => bound_items(list, 0..=MAX_STATIONS, |light| {
                 light.maximum = Some(MAX_STATIONS.into());

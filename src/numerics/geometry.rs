@@ -1,5 +1,15 @@
-//! Pinhole and orthographic cameras, the sphere, lights, and the angles of a sample (paper Fig. 1).
+//! Pinhole and orthographic cameras, shapes, lights, and the angles of a sample (paper Fig. 1).
 //! Camera frame: x right, y down, z forward, millimetres.
+
+mod cylinder;
+mod normal_map;
+mod shape;
+mod sphere;
+
+pub use cylinder::Cylinder;
+pub use normal_map::NormalMap;
+pub use shape::{Shape, SurfacePoint};
+pub use sphere::Sphere;
 
 use nalgebra::Vector3;
 
@@ -82,42 +92,6 @@ fn undistort(distorted: [f64; 2], k: &[f64; 5]) -> [f64; 2] {
         ideal = [ideal[0] + distorted[0] - again[0], ideal[1] + distorted[1] - again[1]];
     }
     ideal
-}
-
-/// The sampled sphere.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Sphere {
-    /// Centre, mm.
-    pub center: Vec3,
-    /// Radius, mm.
-    pub radius: f64,
-}
-
-/// A visible surface point.
-#[derive(Clone, Copy, Debug)]
-pub struct SurfacePoint {
-    /// Position, mm.
-    pub position: Vec3,
-    /// Unit outward normal.
-    pub normal: Vec3,
-    /// Unit direction towards the camera.
-    pub view: Vec3,
-}
-
-impl Sphere {
-    /// The first point of the sphere that the ray meets, if any.
-    pub fn intersect(&self, ray: &Ray) -> Option<SurfacePoint> {
-        let to_center = self.center - ray.origin;
-        let along = to_center.dot(&ray.direction);
-        let closest = to_center - ray.direction * along;
-        let half_chord2 = self.radius * self.radius - closest.norm_squared();
-        if half_chord2 < 0.0 {
-            return None;
-        }
-        let position = ray.origin + ray.direction * (along - half_chord2.sqrt());
-        let normal = (position - self.center) / self.radius;
-        Some(SurfacePoint { position, normal, view: -ray.direction })
-    }
 }
 
 /// A light position with its strength per channel.

@@ -150,12 +150,12 @@ impl Vector for f32 {
 
     #[inline(always)]
     fn load(from: &Lane, part: usize) -> Self {
-        from[part]
+        from[part % LANES]
     }
 
     #[inline(always)]
     fn store(self, to: &mut Lane, part: usize) {
-        to[part] = self;
+        to[part % LANES] = self;
     }
 
     #[inline(always)]
@@ -192,7 +192,7 @@ impl Vector for f32 {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Lane, Vector, Work};
+    use super::{LANES, Lane, Vector, Work};
     use std::arch::x86_64::*;
     use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -210,6 +210,12 @@ mod x86 {
 
     // SAFETY, for every unsafe block below: the types are private to this file and only `avx2` and `avx512` run work with
     // them, whose callers checked the processor. Loads and stores stay inside a `Lane`: the slice checks the bounds.
+
+    /// First lane of a part. The mask changes nothing for a part that exists; it tells the compiler that the slice does.
+    #[inline(always)]
+    fn first<const WIDTH: usize>(part: usize) -> usize {
+        (part * WIDTH) & (LANES - WIDTH)
+    }
 
     macro_rules! operator {
         ($type:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
@@ -253,13 +259,13 @@ mod x86 {
 
         #[inline(always)]
         fn load(from: &Lane, part: usize) -> Self {
-            let lanes = &from[part * 8..part * 8 + 8];
+            let lanes = &from[first::<8>(part)..][..8];
             Self(unsafe { _mm256_loadu_ps(lanes.as_ptr()) })
         }
 
         #[inline(always)]
         fn store(self, to: &mut Lane, part: usize) {
-            let lanes = &mut to[part * 8..part * 8 + 8];
+            let lanes = &mut to[first::<8>(part)..][..8];
             unsafe { _mm256_storeu_ps(lanes.as_mut_ptr(), self.0) }
         }
 
@@ -319,13 +325,13 @@ mod x86 {
 
         #[inline(always)]
         fn load(from: &Lane, part: usize) -> Self {
-            let lanes = &from[part * 16..part * 16 + 16];
+            let lanes = &from[first::<16>(part)..][..16];
             Self(unsafe { _mm512_loadu_ps(lanes.as_ptr()) })
         }
 
         #[inline(always)]
         fn store(self, to: &mut Lane, part: usize) {
-            let lanes = &mut to[part * 16..part * 16 + 16];
+            let lanes = &mut to[first::<16>(part)..][..16];
             unsafe { _mm512_storeu_ps(lanes.as_mut_ptr(), self.0) }
         }
 

@@ -1,6 +1,6 @@
-//! A dataset in memory: camera, object, lights and a radiance image a light (CONTRACT.md, "Dataset directory").
+//! A dataset in memory: camera, object, lights and a radiance image a light (docs/dataset.md).
 
-use crate::numerics::geometry::{Light, Projection, Sphere};
+use crate::numerics::geometry::{Light, Projection, Shape};
 use crate::numerics::image::{Image, RadianceImage};
 
 /// Where everything stands: a dataset without its radiance images.
@@ -13,7 +13,7 @@ pub struct Geometry {
     /// The camera.
     pub projection: Projection,
     /// The sampled object, camera frame.
-    pub object: Sphere,
+    pub object: Shape,
     /// True on the object; absent means everywhere the geometry says so.
     pub mask: Option<Image<bool>>,
     /// One entry a light position.

@@ -1,62 +1,24 @@
 //! Fits a material to a dataset and says how good it is.
 
 use super::dataset::Dataset;
-use super::identify;
+use super::identify::{self, Evidence, MISFIT};
+use super::options::Chosen;
+pub use super::options::FitOptions;
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
-use crate::numerics::brdf::{self, Lobe};
-use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::{Observations, Scene};
 use crate::numerics::fit::quality::{judge_all, judge_left_out};
-use crate::numerics::fit::selection::select_materials;
-use crate::numerics::fit::solver::{self, Solution, Solver, Task, Termination};
+use crate::numerics::fit::selection::{Candidate, select};
+use crate::numerics::fit::solver::{Solution, Task, Termination};
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
-use crate::numerics::fit::unknowns::Colour;
-use crate::numerics::fit::weights::WeightRule;
-use crate::numerics::fit::{MAX_MATERIALS, Mixture};
+use crate::numerics::fit::{Mixture, gauge, varpro};
 use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// A point needs this many samples, or as many as there are lights if those are fewer.
 const LEAST_SAMPLES: usize = 3;
 
-/// Most worker threads that can be asked for.
-const MAX_THREADS: usize = 256;
-
-/// What to fit and how.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FitOptions {
-    /// Number of materials; none lets left-out lights decide.
-    pub materials: Option<usize>,
-    /// BRDF model name (`numerics::brdf::MODELS`).
-    pub model: String,
-    /// Solver name; `zheng2008` is the one there is.
-    pub solver: String,
-    /// Rule of the weights: `exact` or `paper`.
-    pub weights: String,
-    /// Objective name.
-    pub objective: String,
-    /// Indices of lights kept out of the fit and used to judge it.
-    pub leave_out: Vec<usize>,
-    /// Cosine cut-off; none takes the dataset's.
-    pub cosine_cutoff: Option<f64>,
-    /// Worker threads; none takes all cores. The result does not depend on it.
-    pub threads: Option<usize>,
-}
-
-impl Default for FitOptions {
-    fn default() -> Self {
-        Self {
-            materials: None,
-            model: "ward".to_owned(),
-            solver: "zheng2008".to_owned(),
-            weights: "exact".to_owned(),
-            objective: "noise".to_owned(),
-            leave_out: Vec::new(),
-            cosine_cutoff: None,
-            threads: None,
-        }
-    }
-}
+/// A material is a ghost when left-out lights are predicted within this part as well without it.
+const SUPERFLUOUS: f64 = 0.002;
 
 /// Progress of a fit: outer iteration and cost.
 #[derive(Clone, Copy, Debug)]
@@ -101,18 +63,10 @@ pub struct FitResult {
     pub size: [usize; 2],
 }
 
-/// The names in [`FitOptions`], resolved.
-struct Chosen {
-    lobe: &'static dyn Lobe,
-    objective: Objective,
-    rule: WeightRule,
-    solver: &'static dyn Solver,
-    cutoff: f64,
-}
-
 /// Fits `dataset`.
 pub fn fit(dataset: &Dataset, options: &FitOptions, progress: OnProgress<'_>) -> Result<FitResult, FitError> {
-    let chosen = check(dataset, options)?;
+    let lights = dataset.geometry.lights.len();
+    let chosen = options.resolve(lights, dataset.geometry.cosine_cutoff)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))
         .build()
@@ -124,42 +78,6 @@ pub fn fit(dataset: &Dataset, options: &FitOptions, progress: OnProgress<'_>) ->
 pub fn cpu_seconds() -> f64 {
     let clock = nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID);
     clock.map_or(0.0, |time| std::time::Duration::from(time).as_secs_f64())
-}
-
-fn one_of(what: &str, name: &str, known: &[&str]) -> FitError {
-    FitError::Input(format!("unknown {what} \"{name}\": choose one of {}", known.join(", ")))
-}
-
-fn check(dataset: &Dataset, options: &FitOptions) -> Result<Chosen, FitError> {
-    let models: Vec<&str> = brdf::MODELS.iter().map(|m| m.name()).collect();
-    let lobe = brdf::by_name(&options.model).ok_or_else(|| one_of("BRDF model", &options.model, &models))?;
-    let objective = Objective::by_name(&options.objective)
-        .ok_or_else(|| one_of("objective", &options.objective, &Objective::ALL.map(|(name, _)| name)))?;
-    let rule = WeightRule::by_name(&options.weights)
-        .ok_or_else(|| one_of("weight rule", &options.weights, &["exact", "paper"]))?;
-    let solvers: Vec<&str> = solver::SOLVERS.iter().map(|s| s.name()).collect();
-    let solver = solver::by_name(&options.solver).ok_or_else(|| one_of("solver", &options.solver, &solvers))?;
-    if options.materials.is_some_and(|m| m == 0 || m > MAX_MATERIALS) {
-        return Err(FitError::Input(format!("materials must be 1 to {MAX_MATERIALS}, or auto")));
-    }
-    if options.threads.is_some_and(|threads| !(1..=MAX_THREADS).contains(&threads)) {
-        return Err(FitError::Input(format!("threads must be 1 to {MAX_THREADS}; left out, all cores work")));
-    }
-    let cutoff = options.cosine_cutoff.unwrap_or(dataset.geometry.cosine_cutoff);
-    if !(0.0..1.0).contains(&cutoff) {
-        return Err(FitError::Input(format!("the cosine cut-off is {cutoff}: choose a value from 0 to below 1")));
-    }
-    let lights = dataset.geometry.lights.len();
-    if let Some(light) = options.leave_out.iter().find(|&&light| light >= lights) {
-        return Err(FitError::Input(format!(
-            "light {light} cannot be left out: the dataset has {lights} lights, numbered 0 to {}",
-            lights.saturating_sub(1)
-        )));
-    }
-    if (0..lights).all(|light| options.leave_out.contains(&light)) {
-        return Err(FitError::Input("every light is left out: keep at least one to fit".to_owned()));
-    }
-    Ok(Chosen { lobe, objective, rule, solver, cutoff })
 }
 
 fn observe(dataset: &Dataset, chosen: &Chosen) -> Observations {
@@ -191,31 +109,47 @@ fn run(
     }
     let observed = Instant::now();
 
-    let (materials, candidates) = choose_materials(options, chosen, &observations, progress)?;
+    let candidates = choose(&observations, chosen, progress)?;
+    let taken = candidates.iter().find(|c| c.taken).ok_or(FitError::Cancelled)?;
+    let gained = taken.gains.as_ref().map(|gains| observations.with_gains(gains));
+    let fitted = gained.as_ref().unwrap_or(&observations);
     let initialised = Instant::now();
 
-    let task =
-        Task { lobe: chosen.lobe, objective: chosen.objective, materials, rule: chosen.rule, colour: Colour::Coloured };
+    let task = Task {
+        lobe: taken.lobe,
+        objective: chosen.objective,
+        materials: taken.materials,
+        rule: chosen.rule,
+        colour: taken.colour,
+    };
     let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
-    let mut solution = chosen.solver.solve(&observations, &task, &mut report_progress);
+    let mut solution = chosen.solver.solve(fitted, &task, &mut report_progress);
     if solution.termination == Termination::Cancelled {
         return Err(FitError::Cancelled);
     }
-    crate::numerics::fit::gauge::normalise(&mut solution.mixture);
-    let errors = uncertainty(chosen.lobe, &solution.mixture, chosen.objective, &observations);
-    let quality = judge_all(chosen.lobe, &solution.mixture, &observations)
+    gauge::normalise(&mut solution.mixture);
+    let recipe = varpro::recipe(&task, fitted);
+    let errors = uncertainty(&recipe, &solution.mixture, task.colour, solution.sign, fitted);
+    let quality = judge_all(task.lobe, &solution.mixture, fitted)
         .ok_or_else(|| FitError::Input(no_samples(dataset, chosen, &all)))?;
     let left_out =
-        judge_left_out(chosen.lobe, &solution.mixture, &all, &kept, |light| options.leave_out.contains(&light));
-    let free_weights = solution.mixture.gamma.iter().filter(|&&g| g > 0.0).count();
-    let freedom = (3 * observations.samples()).saturating_sub(free_weights + 7 * materials).max(1);
+        judge_left_out(task.lobe, &solution.mixture, &all, &kept, |light| options.leave_out.contains(&light));
+    let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
+    let evidence = Evidence {
+        converged: solution.termination == Termination::Converged,
+        superfluous: superfluous(&candidates),
+        reduced_chi2,
+    };
+    let materials = identify::describe(&task, &solution.mixture, &errors, fitted, &evidence);
     let done = Instant::now();
 
     let report = Report {
         pixels: observations.points(),
         samples: observations.samples(),
-        materials,
-        model: options.model.clone(),
+        materials: task.materials,
+        model: task.lobe.name().to_owned(),
+        lobe: task.colour.name().to_owned(),
+        light_gains: taken.gains.clone(),
         solver: options.solver.clone(),
         weights: options.weights.clone(),
         objective: options.objective.clone(),
@@ -225,12 +159,9 @@ fn run(
         left_out_highlight_relative_error: left_out.and_then(|q| q.highlight_relative_error),
         left_out: options.leave_out.clone(),
         cost: solution.cost,
-        reduced_chi2: quality.chi2 / freedom as f64,
+        reduced_chi2,
         iterations: solution.iterations,
-        termination: match solution.termination {
-            Termination::Converged => "converged".to_owned(),
-            Termination::IterationLimit | Termination::Cancelled => "iteration limit".to_owned(),
-        },
+        termination: if evidence.converged { "converged".to_owned() } else { "iteration limit".to_owned() },
         seconds: Seconds {
             load: 0.0,
             observe: (observed - begin).as_secs_f64(),
@@ -241,14 +172,14 @@ fn run(
         cpu_seconds: cpu_seconds() - cpu_begin,
         cosine_cutoff: chosen.cutoff,
         unusable_samples: observations.unusable,
-        candidates: candidates.clone(),
-        warnings: warnings(&solution, &observations, &candidates, options),
+        candidates: candidates.iter().map(CandidateReport::from).collect(),
+        warnings: warnings(&solution, &observations, &evidence, &candidates),
     };
     let material = MaterialFile {
         format: 1,
-        model: options.model.clone(),
+        model: task.lobe.name().to_owned(),
         gauge: GAUGE.to_owned(),
-        materials: identify::describe(chosen.lobe, &solution.mixture, &errors, &observations),
+        materials,
         size: [dataset.geometry.width, dataset.geometry.height],
         provenance: Provenance {
             software: concat!("rigd ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -260,22 +191,22 @@ fn run(
     Ok(FitResult { report, material, observations, mixture: solution.mixture, uncertainty: errors, size })
 }
 
-fn choose_materials(
-    options: &FitOptions,
-    chosen: &Chosen,
-    observations: &Observations,
-    progress: OnProgress<'_>,
-) -> Result<(usize, Vec<CandidateReport>), FitError> {
-    if let Some(materials) = options.materials {
-        return Ok((materials, Vec::new()));
-    }
+/// What left-out lights decide of the number of materials, the model, its lobe and the light gains.
+fn choose(observations: &Observations, chosen: &Chosen, progress: OnProgress<'_>) -> Result<Vec<Candidate>, FitError> {
     let mut go_on = || progress(FitProgress { iteration: 0, cost: f64::NAN });
-    let candidates = select_materials(chosen.lobe, observations, chosen.objective, &mut go_on);
-    if go_on().is_break() {
-        return Err(FitError::Cancelled);
-    }
-    let taken = candidates.iter().find(|c| c.taken).map_or(1, |c| c.materials);
-    Ok((taken, candidates.iter().map(CandidateReport::from).collect()))
+    let candidates = select(observations, chosen.objective, chosen.wishes, &mut go_on);
+    if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
+}
+
+/// True when left-out lights are predicted as well with one material fewer.
+fn superfluous(candidates: &[Candidate]) -> bool {
+    let error = |c: &Candidate| c.left_out.map(|errors| errors.overall);
+    let taken = candidates.iter().find(|c| c.taken);
+    taken.is_some_and(|taken| {
+        let fewer =
+            candidates.iter().find(|c| c.materials + 1 == taken.materials && c.lobe.name() == taken.lobe.name());
+        fewer.and_then(error).zip(error(taken)).is_some_and(|(fewer, taken)| fewer <= taken * (1.0 + SUPERFLUOUS))
+    })
 }
 
 /// Why nothing is left to fit.
@@ -299,13 +230,26 @@ fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String 
     )
 }
 
-/// What a reader must be warned of, whatever was asked for.
-pub fn warnings_of(solution: &Solution, observations: &Observations) -> Vec<String> {
-    let mut warnings = Vec::new();
-    if solution.termination == Termination::IterationLimit {
+/// Chi^2 over degrees of freedom, for a mixture that was asked for by `task` and leaves `chi2`.
+pub fn reduced_chi2(task: &Task, mixture: &Mixture, observations: &Observations, chi2: f64) -> f64 {
+    let free_weights = mixture.gamma.iter().filter(|&&g| g > 0.0).count();
+    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
+    chi2 / (3 * observations.samples()).saturating_sub(unknowns).max(1) as f64
+}
+
+/// What a reader must be warned of, whatever else was tried.
+pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi2: f64) -> Vec<String> {
+    let mut warnings = solution.notes.clone();
+    if solution.termination != Termination::Converged {
         warnings.push(format!(
-            "the alternation was still gaining after {} rounds: the parameters may be off by more than their standard errors",
+            "the solver was still gaining after {} iterations: the decomposition is not determined, or the parameters are off by more than their standard errors",
             solution.iterations
+        ));
+    }
+    if reduced_chi2 > MISFIT {
+        warnings.push(format!(
+            "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off",
+            reduced_chi2.sqrt()
         ));
     }
     if observations.unusable > 0 {
@@ -323,12 +267,19 @@ pub fn warnings_of(solution: &Solution, observations: &Observations) -> Vec<Stri
 fn warnings(
     solution: &Solution,
     observations: &Observations,
-    candidates: &[CandidateReport],
-    options: &FitOptions,
+    evidence: &Evidence,
+    candidates: &[Candidate],
 ) -> Vec<String> {
-    let mut warnings = warnings_of(solution, observations);
-    if options.materials.is_none() && candidates.len() < 2 {
-        warnings.push("too few lights to judge a second material: one was fitted".to_owned());
+    let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
+    if evidence.superfluous {
+        warnings.push(
+            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
+        );
+    }
+    if candidates.iter().all(|c| c.left_out.is_none()) {
+        warnings.push(
+            "too few lights to leave one out: nothing tells whether the model is more than the scene needs".to_owned(),
+        );
     }
     warnings
 }

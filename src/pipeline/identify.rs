@@ -1,9 +1,12 @@
-//! Which parameters the data determine, and why not (METHOD 8).
+//! Which parameters the data determine, and why not.
 
 use super::report::{Identified, MaterialReport, Parameter, shares};
-use crate::numerics::brdf::{Lobe, Material};
+use crate::numerics::brdf::Material;
+use crate::numerics::fit::kernel::PER_MATERIAL;
 use crate::numerics::fit::observations::{HIGHLIGHT_HALF_ANGLE, Observations};
+use crate::numerics::fit::solver::Task;
 use crate::numerics::fit::uncertainty::Uncertainty;
+use crate::numerics::fit::unknowns::Colour;
 use crate::numerics::fit::{BETA_RANGE, Mixture};
 
 /// A standard error above this part of the value makes a parameter weak, above the value itself unidentified.
@@ -12,100 +15,165 @@ const WEAK_ERROR: f64 = 0.25;
 /// A weight above this counts as presence of a material.
 const PRESENT: f64 = 0.05;
 
-/// What keeps a material's lobe from being determined.
-enum LobeTrouble {
-    None,
-    Weak(String),
-    Unidentified(String),
+/// Reduced chi^2 above which the model does not describe the data: standard errors no longer hold.
+pub const MISFIT: f64 = 2.0;
+
+/// Cosine between two diffuse colours above which they have the same hue (2 degrees).
+const SAME_HUE: f64 = 0.9994;
+
+/// Difference of ln(beta) below which two lobes are the same.
+const SAME_LOBE: f64 = 0.1;
+
+/// What is known of a fit beside its parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct Evidence {
+    /// False when the solver was still gaining.
+    pub converged: bool,
+    /// True when left-out lights are predicted as well with one material fewer.
+    pub superfluous: bool,
+    /// Chi^2 over degrees of freedom.
+    pub reduced_chi2: f64,
 }
+
+/// A reason to trust a parameter less.
+type Doubt = (Identified, String);
 
 /// The materials of a mixture with standard errors, flags and reasons.
 pub fn describe(
-    lobe: &dyn Lobe,
+    task: &Task,
     mixture: &Mixture,
     uncertainty: &Uncertainty,
     observations: &Observations,
+    evidence: &Evidence,
 ) -> Vec<MaterialReport> {
-    let per_material = if lobe.has_lobe() { 7 } else { 3 };
     let share = shares(mixture);
+    let general = general_doubt(evidence);
     (0..mixture.materials.len())
         .map(|m| {
             let material = &mixture.materials[m];
-            let sigma = |i: usize| uncertainty.alpha[m * per_material + i];
-            let twin = twin_of(lobe, &mixture.materials, m);
-            let plain = |value: f64, sigma: Option<f64>| parameter(value, sigma, twin.clone());
-            let rho_d = (0..3).map(|c| plain(material.rho_d[c], sigma(c))).collect();
-            if !lobe.has_lobe() {
+            let twin = twin_of(task, &mixture.materials, m);
+            let lobe = lobe_doubt(mixture, m, observations);
+            let parameter = |k: usize, value: f64| {
+                let index = m * PER_MATERIAL + k;
+                let mut found = plain(value, uncertainty.alpha[index], uncertainty.loose[index]);
+                if k < 3 && uncertainty.alpha[index].is_none() && is_gauge(material, k) {
+                    found.identified = Identified::Identified;
+                    found.reason = Some("it fixes the gauge: what a weight of 1 means".to_owned());
+                }
+                let of_lobe = if k < 3 { &None } else { &lobe };
+                for doubt in [&general, &twin, of_lobe].into_iter().flatten() {
+                    lower(&mut found, doubt);
+                }
+                found
+            };
+            let rho_d = (0..3).map(|c| parameter(c, material.rho_d[c])).collect();
+            if task.colour == Colour::None || !task.lobe.has_lobe() {
                 return MaterialReport { share: share[m], rho_d, rho_s: Vec::new(), beta: None };
             }
-            let trouble = lobe_trouble(mixture, m, observations);
-            let rho_s = (0..3).map(|c| with_trouble(plain(material.rho_s[c], sigma(3 + c)), &trouble)).collect();
+            let rho_s = (0..3).map(|c| parameter(3 + c, material.rho_s[c])).collect();
             // The unknown is ln(beta): its error is relative.
-            let beta = plain(material.beta, sigma(6).map(|s| s * material.beta));
-            let beta = with_trouble(beta_flags(beta, material), &trouble);
+            let mut beta = parameter(6, material.beta);
+            beta.standard_error = uncertainty.alpha[m * PER_MATERIAL + 6].map(|sigma| sigma * material.beta);
+            if let Some(doubt) = beta_doubt(material, uncertainty.alpha[m * PER_MATERIAL + 6]) {
+                lower(&mut beta, &doubt);
+            }
             MaterialReport { share: share[m], rho_d, rho_s, beta: Some(beta) }
         })
         .collect()
 }
 
-fn parameter(value: f64, standard_error: Option<f64>, twin: Option<String>) -> Parameter {
-    let (identified, reason) = match (standard_error, twin) {
-        (_, Some(reason)) => (Identified::Unidentified, Some(reason)),
-        (None, None) => (Identified::Weak, Some("it stands at the edge of its permitted range".to_owned())),
-        (Some(error), None) if error > value.abs() => {
+/// A parameter judged by its standard error alone.
+fn plain(value: f64, standard_error: Option<f64>, loose: f64) -> Parameter {
+    let (identified, reason) = match standard_error {
+        _ if loose > 0.5 => {
+            (Identified::Unidentified, Some("the data do not tell it from other parameters".to_owned()))
+        }
+        None => (Identified::Weak, Some("it stands at the edge of its permitted range".to_owned())),
+        Some(error) if error > value.abs() => {
             (Identified::Unidentified, Some("its standard error exceeds its value".to_owned()))
         }
-        (Some(error), None) if error > WEAK_ERROR * value.abs() => {
+        Some(error) if error > WEAK_ERROR * value.abs() => {
             (Identified::Weak, Some(format!("its standard error is {:.0} % of its value", 100.0 * error / value.abs())))
         }
-        (Some(_), None) => (Identified::Identified, None),
+        Some(_) => (Identified::Identified, None),
     };
     Parameter { value, standard_error, identified, reason }
 }
 
-fn with_trouble(mut parameter: Parameter, trouble: &LobeTrouble) -> Parameter {
-    let (identified, reason) = match trouble {
-        LobeTrouble::None => return parameter,
-        LobeTrouble::Weak(reason) => (Identified::Weak, reason),
-        LobeTrouble::Unidentified(reason) => (Identified::Unidentified, reason),
-    };
-    if parameter.identified != Identified::Unidentified {
-        parameter.identified = identified;
+fn is_gauge(material: &Material, channel: usize) -> bool {
+    material.rho_d.iter().all(|&other| material.rho_d[channel] >= other)
+}
+
+fn rank(identified: Identified) -> usize {
+    match identified {
+        Identified::Identified => 0,
+        Identified::Weak => 1,
+        Identified::Unidentified => 2,
+    }
+}
+
+/// Lowers the flag of a parameter, never raises it.
+fn lower(parameter: &mut Parameter, (identified, reason): &Doubt) {
+    if rank(*identified) > rank(parameter.identified) {
+        parameter.identified = *identified;
         parameter.reason = Some(reason.clone());
     }
-    parameter
 }
 
-fn beta_flags(mut beta: Parameter, material: &Material) -> Parameter {
-    if material.rho_s.iter().all(|&s| s <= 0.0) {
-        beta.identified = Identified::Unidentified;
-        beta.reason = Some("the material has no specular part".to_owned());
-    } else if material.beta <= BETA_RANGE[0] * 1.0001 || material.beta >= BETA_RANGE[1] * 0.9999 {
-        beta.identified = Identified::Weak;
-        beta.reason = Some(format!("it stands at the edge of its range, {} to {}", BETA_RANGE[0], BETA_RANGE[1]));
+/// What makes every parameter doubtful.
+fn general_doubt(evidence: &Evidence) -> Option<Doubt> {
+    if evidence.superfluous {
+        let reason = "left-out lights do not need this many materials: the split is not determined";
+        return Some((Identified::Unidentified, reason.to_owned()));
     }
-    beta
+    if !evidence.converged {
+        return Some((Identified::Weak, "the solver was still gaining at its iteration limit".to_owned()));
+    }
+    let times = evidence.reduced_chi2.sqrt();
+    (evidence.reduced_chi2 > MISFIT).then(|| {
+        (Identified::Weak, format!("residuals are {times:.1} times the noise: the model does not describe the data"))
+    })
 }
 
-/// Another material with the same hue and lobe: the two cannot be told apart.
-fn twin_of(lobe: &dyn Lobe, materials: &[Material], m: usize) -> Option<String> {
-    let unit = |rgb: [f64; 3]| {
-        let norm = rgb.iter().map(|v| v * v).sum::<f64>().sqrt();
-        rgb.map(|v| v / norm.max(f64::MIN_POSITIVE))
-    };
-    let same = |a: &Material, b: &Material| {
-        let cosine: f64 = (0..3).map(|c| unit(a.rho_d)[c] * unit(b.rho_d)[c]).sum();
-        let same_lobe = !lobe.has_lobe() || (a.beta / b.beta).ln().abs() < 0.05;
-        cosine > 0.9998 && same_lobe
-    };
-    materials
-        .iter()
-        .enumerate()
-        .find(|(other, material)| *other != m && same(material, &materials[m]))
-        .map(|(other, _)| format!("it has the same hue and lobe as material {}", other + 1))
+fn beta_doubt(material: &Material, error: Option<f64>) -> Option<Doubt> {
+    if material.rho_s.iter().all(|&s| s <= 0.0) {
+        return Some((Identified::Unidentified, "the material has no specular part".to_owned()));
+    }
+    if material.beta <= BETA_RANGE[0] * 1.0001 || material.beta >= BETA_RANGE[1] * 0.9999 {
+        let reason = format!("beta stands at the edge of its range, {} to {}", BETA_RANGE[0], BETA_RANGE[1]);
+        return Some((Identified::Unidentified, reason));
+    }
+    let error = error.filter(|sigma| *sigma > WEAK_ERROR)?;
+    Some((Identified::Weak, format!("the standard error of ln(beta) is {error:.2}")))
 }
 
-fn lobe_trouble(mixture: &Mixture, m: usize, observations: &Observations) -> LobeTrouble {
+/// Another material that cannot be told from this one.
+fn twin_of(task: &Task, materials: &[Material], m: usize) -> Option<Doubt> {
+    let cosine = |a: &Material, b: &Material| {
+        let dot = |x: &[f64; 3], y: &[f64; 3]| (0..3).map(|c| x[c] * y[c]).sum::<f64>();
+        dot(&a.rho_d, &b.rho_d) / (dot(&a.rho_d, &a.rho_d) * dot(&b.rho_d, &b.rho_d)).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let lobes = task.colour != Colour::None && task.lobe.has_lobe();
+    let others = materials.iter().enumerate().filter(|(other, _)| *other != m);
+    let mut doubt = None;
+    for (other, material) in others {
+        let name = other + 1;
+        if cosine(material, &materials[m]) > SAME_HUE {
+            let reason =
+                format!("it has the same hue as material {name}: only products of weight and albedo are determined");
+            return Some((Identified::Unidentified, reason));
+        }
+        if lobes && (material.beta / materials[m].beta).ln().abs() < SAME_LOBE {
+            let reason =
+                format!("it has the same roughness as material {name}: any mixture of the two explains the data");
+            doubt = Some((Identified::Unidentified, reason));
+        }
+    }
+    doubt
+}
+
+/// What keeps the lobe of material `m` from being determined.
+fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations) -> Option<Doubt> {
     let reach = 2.0 * mixture.materials[m].beta;
     let near = (0..observations.points())
         .filter(|&point| mixture.weights_of(point)[m] > PRESENT)
@@ -113,16 +181,22 @@ fn lobe_trouble(mixture: &Mixture, m: usize, observations: &Observations) -> Lob
         .filter(|sample| sample.angles.tan2_half.sqrt() < reach)
         .count();
     if near == 0 {
-        return LobeTrouble::Unidentified("no sample within 2 beta of the half vector".to_owned());
+        return Some((Identified::Unidentified, "no sample within 2 beta of the half vector".to_owned()));
     }
     let highlights = observations.all().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
     let lost = observations.unusable_highlight;
     if highlights == 0 && lost > 0 {
-        return LobeTrouble::Unidentified("every highlight sample is clipped or unusable".to_owned());
+        return Some((Identified::Unidentified, "every highlight sample is clipped or unusable".to_owned()));
     }
     if lost * 5 > highlights + lost {
         let percent = 100 * lost / (highlights + lost);
-        return LobeTrouble::Weak(format!("{percent} % of the highlight samples are clipped or unusable"));
+        let reason =
+            format!("{percent} % of the highlight samples are clipped or unusable: the lobe's peak was not seen");
+        return Some((Identified::Unidentified, reason));
     }
-    LobeTrouble::None
+    if lost * 50 > highlights + lost {
+        let percent = 100.0 * lost as f64 / (highlights + lost) as f64;
+        return Some((Identified::Weak, format!("{percent:.0} % of the highlight samples are clipped or unusable")));
+    }
+    None
 }

@@ -39,7 +39,7 @@ fn pixel(
     if gamma.iter().all(|&g| g == 0.0) {
         return None;
     }
-    let surface = geometry.object.intersect(&geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))?;
+    let surface = geometry.object.at(x, y, &geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))?;
     let (to_light, irradiance) = light.at(&surface.position);
     let angles = Angles::new(&surface.normal, &to_light, &surface.view);
     if angles.cos_i <= 0.0 || angles.cos_r <= 0.0 {

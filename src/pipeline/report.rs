@@ -19,23 +19,41 @@ pub struct Seconds {
     pub total: f64,
 }
 
-/// A number of materials that was tried.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A combination of materials, model, lobe and light gains that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CandidateReport {
     /// Number of materials.
     pub materials: usize,
-    /// Mean relative error on left-out lights.
-    pub left_out_relative_error: f64,
+    /// BRDF model.
+    pub model: String,
+    /// Colour of the lobe: `none`, `achromatic`, `coloured`.
+    pub lobe: String,
+    /// True where a gain was fitted for each light.
+    pub light_gains: bool,
+    /// Mean relative error on left-out lights; none where no light can be left out.
+    pub left_out_relative_error: Option<f64>,
+    /// The same on their highlights.
+    pub left_out_highlight_relative_error: Option<f64>,
+    /// Bayes' information criterion over the weights in use; the smaller the better.
+    pub bic: f64,
     /// True for the one taken.
     pub taken: bool,
+    /// Why it was taken or refused.
+    pub reason: String,
 }
 
 impl From<&Candidate> for CandidateReport {
     fn from(candidate: &Candidate) -> Self {
         Self {
             materials: candidate.materials,
-            left_out_relative_error: candidate.left_out_relative_error,
+            model: candidate.lobe.name().to_owned(),
+            lobe: candidate.colour.name().to_owned(),
+            light_gains: candidate.gains.is_some(),
+            left_out_relative_error: candidate.left_out.map(|errors| errors.overall),
+            left_out_highlight_relative_error: candidate.left_out.and_then(|errors| errors.highlight),
+            bic: candidate.bic,
             taken: candidate.taken,
+            reason: candidate.reason.clone(),
         }
     }
 }
@@ -51,6 +69,10 @@ pub struct Report {
     pub materials: usize,
     /// BRDF model.
     pub model: String,
+    /// Colour of the lobe: `none`, `achromatic`, `coloured`.
+    pub lobe: String,
+    /// Factor of each light's irradiance, where left-out lights asked for gains; their geometric mean is 1.
+    pub light_gains: Option<Vec<f64>>,
     /// Solver.
     pub solver: String,
     /// Rule of the weights.
@@ -71,7 +93,7 @@ pub struct Report {
     pub cost: f64,
     /// Chi^2 (noise and model floor) over degrees of freedom.
     pub reduced_chi2: f64,
-    /// Alternations.
+    /// Outer iterations of the solver.
     pub iterations: usize,
     /// Why the solver ended: `converged` or `iteration limit`.
     pub termination: String,
@@ -83,7 +105,7 @@ pub struct Report {
     pub cosine_cutoff: f64,
     /// Lit, visible samples without a usable value: clipped, too dark, or masked.
     pub unusable_samples: usize,
-    /// Numbers of materials tried, when left-out lights had to decide.
+    /// What was tried, and what left-out lights said of it.
     pub candidates: Vec<CandidateReport>,
     /// What a reader must know before trusting the figures.
     pub warnings: Vec<String>,
@@ -165,7 +187,7 @@ pub struct MaterialFile {
 }
 
 /// The gauge every result is in.
-pub const GAUGE: &str = "max gamma = 1 per material; materials ordered by share";
+pub const GAUGE: &str = "max gamma = 1 per material; materials ordered by share; standard errors are relative to the largest diffuse albedo";
 
 impl MaterialFile {
     /// The BRDF parameters alone.

@@ -3,7 +3,7 @@
 use super::book::{Book, Entry, Inner};
 use super::plan::{CapturePlan, PlanError, StartRequest};
 use super::processing::read_json;
-pub use super::refit::{FitRequest, check_rig, models, objectives};
+pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
 use super::state::{SessionState, Verb};
 use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;

@@ -66,7 +66,9 @@ impl PipelineProcessing {
         FitOptions {
             materials: request.materials.or(fit.materials),
             model: request.model.clone().unwrap_or_else(|| fit.model.clone()),
-            solver: fit.solver.clone(),
+            lobe: request.lobe.clone().unwrap_or_else(|| fit.lobe.clone()),
+            gains: request.gains.clone().unwrap_or_else(|| fit.gains.clone()),
+            solver: request.solver.clone().unwrap_or_else(|| fit.solver.clone()),
             objective: request.objective.clone().unwrap_or_else(|| fit.objective.clone()),
             leave_out: request.leave_out.clone().unwrap_or_default(),
             cosine_cutoff: Some(fit.cosine_cutoff),

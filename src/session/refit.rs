@@ -1,10 +1,8 @@
 //! A request to fit a finished session again, and what any fit can be asked.
 
 use super::plan::PlanError;
-use crate::numerics::brdf;
 use crate::numerics::fit::MAX_MATERIALS;
-use crate::numerics::fit::objective::Objective;
-use crate::pipeline::fit::FitOptions;
+pub use crate::pipeline::options::{GAINS, lobes, models, objectives, solvers};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -14,8 +12,14 @@ use utoipa::ToSchema;
 pub struct FitRequest {
     /// Number of materials; null lets left-out lights decide.
     pub materials: Option<usize>,
-    /// BRDF model name.
+    /// BRDF model name, or `auto`: left-out lights decide.
     pub model: Option<String>,
+    /// Colour of the lobe: `none`, `achromatic`, `coloured`, or `auto`.
+    pub lobe: Option<String>,
+    /// Light gains: `on`, `off`, or `auto`.
+    pub gains: Option<String>,
+    /// Solver name.
+    pub solver: Option<String>,
     /// Objective name.
     pub objective: Option<String>,
     /// Indices of lights left out of the fit and used to judge it.
@@ -28,6 +32,9 @@ impl FitRequest {
         let mut reasons = Vec::new();
         check_materials(self.materials, &mut reasons);
         check_name("model", self.model.as_deref(), &models(), &mut reasons);
+        check_name("lobe", self.lobe.as_deref(), &lobes(), &mut reasons);
+        check_name("gains", self.gains.as_deref(), &GAINS, &mut reasons);
+        check_name("solver", self.solver.as_deref(), &solvers(), &mut reasons);
         check_name("objective", self.objective.as_deref(), &objectives(), &mut reasons);
         check_left_out(self.leave_out.as_deref().unwrap_or_default(), lights, &mut reasons);
         if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
@@ -39,20 +46,12 @@ pub fn check_rig(fit: &rig_config::Fit) -> Result<(), PlanError> {
     let mut reasons = Vec::new();
     check_materials(fit.materials, &mut reasons);
     check_name("model", Some(&fit.model), &models(), &mut reasons);
-    check_name("solver", Some(&fit.solver), &[FitOptions::default().solver.as_str()], &mut reasons);
+    check_name("lobe", Some(&fit.lobe), &lobes(), &mut reasons);
+    check_name("gains", Some(&fit.gains), &GAINS, &mut reasons);
+    check_name("solver", Some(&fit.solver), &solvers(), &mut reasons);
     check_name("objective", Some(&fit.objective), &objectives(), &mut reasons);
     let reasons: Vec<_> = reasons.into_iter().map(|reason| format!("fit.{reason}")).collect();
     if reasons.is_empty() { Ok(()) } else { Err(PlanError { reasons }) }
-}
-
-/// Names of the BRDF models.
-pub fn models() -> Vec<&'static str> {
-    brdf::MODELS.iter().map(|model| model.name()).collect()
-}
-
-/// Names of the objectives.
-pub fn objectives() -> Vec<&'static str> {
-    Objective::ALL.iter().map(|(name, _)| *name).collect()
 }
 
 fn check_materials(materials: Option<usize>, reasons: &mut Vec<String>) {

@@ -1,13 +1,18 @@
-//! Dataset directories (CONTRACT.md): reading with every reason for refusal, and writing one for a finished session.
+//! Dataset directories (docs/dataset.md): reading with every reason for refusal, and writing one for a finished session.
 
+mod maps;
+mod object;
+mod picture;
 mod raw;
 
 use super::exr;
-use crate::numerics::geometry::{Light, Sphere, Vec3};
-use crate::numerics::image::{Image, RadianceImage};
+use crate::numerics::geometry::{Light, Projection, Shape, Vec3};
+use crate::numerics::image::RadianceImage;
 use crate::pipeline::dataset::{Dataset, Geometry, NamedLight};
+use object::Object;
 use raw::{RawDataset, RawLight};
-use std::path::Path;
+use std::collections::HashMap;
+use std::path::{Component, Path, PathBuf};
 
 /// File that describes a dataset.
 pub const FILE: &str = "dataset.toml";
@@ -45,11 +50,21 @@ struct Samples {
     cosine_cutoff: f64,
 }
 
+/// A dataset.toml, checked as far as its text alone allows.
+struct Description {
+    size: (usize, usize),
+    projection: Projection,
+    object: Object,
+    mask: Option<String>,
+    lights: Vec<NamedLight>,
+    samples: Samples,
+}
+
 /// Reads `directory/dataset.toml` and its images.
 pub fn read(directory: &Path) -> Result<Dataset, DatasetError> {
     let (geometry, samples) = read_description(directory)?;
     let mut images = Vec::new();
-    let mut reasons = Vec::new();
+    let mut reasons = used_twice(&geometry.lights);
     for light in &geometry.lights {
         match read_image(&directory.join(&light.name), (geometry.width, geometry.height), samples.saturation) {
             Ok(image) => images.push(image),
@@ -73,19 +88,67 @@ fn read_description(directory: &Path) -> Result<(Geometry, Samples), DatasetErro
         return Err(error(directory, "there is no such directory: give one that holds a dataset.toml"));
     }
     let path = directory.join(FILE);
-    let text = std::fs::read_to_string(&path)
-        .map_err(|e| error(&path, format!("{e}: give a directory that holds a dataset.toml")))?;
-    let (mut geometry, samples, mask) =
-        parse(&text).map_err(|reasons| DatasetError { path: path.display().to_string(), reasons })?;
-    if let Some(mask) = mask {
-        let size = (geometry.width, geometry.height);
-        geometry.mask = Some(read_mask(&directory.join(mask), size).map_err(|reason| error(&path, reason))?);
-    }
-    Ok((geometry, samples))
+    let described = read_text(&path)
+        .and_then(|text| parse(&text))
+        .map_err(|reasons| DatasetError { path: path.display().to_string(), reasons })?;
+    let object = read_object(directory, &described).map_err(|reason| error(&path, reason))?;
+    let mask = described.mask.map(|mask| picture::read_mask(&directory.join(mask), described.size));
+    let geometry = Geometry {
+        width: described.size.0,
+        height: described.size.1,
+        projection: described.projection,
+        object,
+        mask: mask.transpose().map_err(|reason| error(&path, reason))?,
+        lights: described.lights,
+        cosine_cutoff: described.samples.cosine_cutoff,
+    };
+    Ok((geometry, described.samples))
 }
 
-/// Text of a dataset.toml to its geometry (mask not yet read), sample limits and mask path; or every reason why not.
-fn parse(text: &str) -> Result<(Geometry, Samples, Option<String>), Vec<String>> {
+fn read_text(path: &Path) -> Result<String, Vec<String>> {
+    let bytes = std::fs::read(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => vec![format!("{e}: give a directory that holds a dataset.toml")],
+        _ => vec![e.to_string()],
+    })?;
+    String::from_utf8(bytes).map_err(|e| {
+        let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
+        vec![format!("line {line} is not UTF-8: save the file as UTF-8 text")]
+    })
+}
+
+fn read_object(directory: &Path, described: &Description) -> Result<Shape, String> {
+    match &described.object {
+        Object::Solid(shape) => Ok(shape.clone()),
+        Object::Maps { normals, positions } => {
+            let positions = positions.as_ref().map(|name| directory.join(name));
+            let normals = directory.join(normals);
+            let map = maps::read(&normals, positions.as_deref(), described.size, &described.projection)?;
+            Ok(Shape::Map(map))
+        }
+    }
+}
+
+/// Lights that name the same file: one of them would be fitted to a picture taken under the other.
+fn used_twice(lights: &[NamedLight]) -> Vec<String> {
+    let file = |light: &NamedLight| -> PathBuf {
+        Path::new(&light.name).components().filter(|part| *part != Component::CurDir).collect()
+    };
+    let mut first: HashMap<PathBuf, usize> = HashMap::new();
+    let mut reasons = Vec::new();
+    for (index, light) in lights.iter().enumerate() {
+        let earlier = *first.entry(file(light)).or_insert(index);
+        if earlier != index {
+            reasons.push(format!(
+                "lights {earlier} and {index} use the same image {}: give each light the image taken under it",
+                light.name
+            ));
+        }
+    }
+    reasons
+}
+
+/// Text of a dataset.toml to what it describes, or every reason why not.
+fn parse(text: &str) -> Result<Description, Vec<String>> {
     let raw: RawDataset = toml::from_str(text).map_err(|e| vec![e.to_string().trim_end().replace('\n', "\n  ")])?;
     let mut reasons = Vec::new();
     if raw.format != 1 {
@@ -96,7 +159,7 @@ fn parse(text: &str) -> Result<(Geometry, Samples, Option<String>), Vec<String>>
         reasons.push(format!("[camera] {} x {} pixels: give the size of the images", sides[0], sides[1]));
     }
     let projection = raw.projection(&mut reasons);
-    let object = raw.sphere(&projection, &mut reasons);
+    let object = raw.object.object(&projection, &mut reasons);
     if raw.light.is_empty() {
         reasons.push("there is no [[light]]: list at least one".to_owned());
     }
@@ -106,19 +169,12 @@ fn parse(text: &str) -> Result<(Geometry, Samples, Option<String>), Vec<String>>
         saturation: in_range(raw.samples.saturation, SATURATION, 1.0, "saturation", &mut reasons),
         cosine_cutoff: in_range(raw.samples.cosine_cutoff, COSINE_CUTOFF, 0.999, "cosine_cutoff", &mut reasons),
     };
-    if !reasons.is_empty() {
-        return Err(reasons);
+    match object {
+        Some(object) if reasons.is_empty() => {
+            Ok(Description { size: sides.into(), projection, object, mask: raw.object.mask, lights, samples })
+        }
+        _ => Err(reasons),
     }
-    let geometry = Geometry {
-        width: raw.camera.width,
-        height: raw.camera.height,
-        projection,
-        object,
-        mask: None,
-        lights,
-        cosine_cutoff: samples.cosine_cutoff,
-    };
-    Ok((geometry, samples, raw.object.mask))
 }
 
 /// Checks the text of a dataset.toml alone; for fuzzing and for programs that write one.
@@ -134,7 +190,7 @@ fn in_range(value: Option<f64>, default: f64, most: f64, key: &str, reasons: &mu
     value
 }
 
-fn named(index: usize, raw: &RawLight, object: &Sphere, reasons: &mut Vec<String>) -> NamedLight {
+fn named(index: usize, raw: &RawLight, object: &Option<Object>, reasons: &mut Vec<String>) -> NamedLight {
     let mut complain = |reason: String| reasons.push(format!("light {index} ({}): {reason}", raw.image));
     let positive = |rgb: [f64; 3]| rgb.iter().all(|v| v.is_finite() && *v > 0.0);
     let light = match (raw.position_mm, raw.intensity, raw.direction, raw.irradiance) {
@@ -142,7 +198,7 @@ fn named(index: usize, raw: &RawLight, object: &Sphere, reasons: &mut Vec<String
             let position = Vec3::from(position);
             if !position.iter().all(|v| v.is_finite()) {
                 complain("position_mm must be finite".to_owned());
-            } else if (position - object.center).norm() <= object.radius {
+            } else if matches!(object, Some(Object::Solid(shape)) if shape.contains(&position)) {
                 complain("position_mm lies inside the object: check the unit (mm) and the sign of z".to_owned());
             }
             if !positive(intensity) {
@@ -176,51 +232,9 @@ fn read_image(path: &Path, size: (usize, usize), saturation: f64) -> Result<Radi
     }
     match extension.as_str() {
         "exr" => exr::read_radiance(path, size).map_err(|e| e.to_string()),
-        "png" | "tif" | "tiff" => read_integer(path, size, saturation),
+        "png" | "tif" | "tiff" => picture::read_integer(path, size, saturation),
         _ => Err(format!("{}: images are .exr, .png or .tiff", path.display())),
     }
-}
-
-/// Opens an 8- or 16-bit image whose size must be `size`; the size is checked before any pixel is decoded.
-fn open(path: &Path, size: (usize, usize)) -> Result<image::DynamicImage, String> {
-    let complain = |reason: String| format!("{}: {reason}", path.display());
-    let reader = || {
-        let reader = image::ImageReader::open(path).map_err(|e| complain(e.to_string()))?;
-        reader.with_guessed_format().map_err(|e| complain(e.to_string()))
-    };
-    let (width, height) = reader()?.into_dimensions().map_err(|e| complain(e.to_string()))?;
-    if (width as usize, height as usize) != size {
-        return Err(complain(format!("the image is {width} x {height} pixels, {} x {} expected", size.0, size.1)));
-    }
-    reader()?.decode().map_err(|e| complain(e.to_string()))
-}
-
-/// PNG or TIFF, taken as linear: radiance is the value over full scale, its variance that of rounding.
-fn read_integer(path: &Path, size: (usize, usize), saturation: f64) -> Result<RadianceImage, String> {
-    use image::DynamicImage as D;
-    let decoded = open(path, size)?;
-    let step = match decoded {
-        D::ImageLuma8(_) | D::ImageLumaA8(_) | D::ImageRgb8(_) | D::ImageRgba8(_) => 1.0 / 255.0,
-        D::ImageLuma16(_) | D::ImageLumaA16(_) | D::ImageRgb16(_) | D::ImageRgba16(_) => 1.0 / 65_535.0,
-        _ => return Err(format!("{}: only 8- and 16-bit images can be read; use EXR for float", path.display())),
-    };
-    let radiance: Vec<[f32; 3]> = decoded.to_rgb32f().pixels().map(|p| p.0).collect();
-    let valid = radiance.iter().map(|p| p.iter().all(|&v| f64::from(v) < saturation)).collect();
-    let variance = (step * step / 12.0) as f32;
-    Ok(RadianceImage {
-        radiance: Image { width: size.0, height: size.1, pixels: radiance },
-        variance: Some(Image::filled(size.0, size.1, [variance; 3])),
-        valid: Image { width: size.0, height: size.1, pixels: valid },
-    })
-}
-
-fn read_mask(path: &Path, size: (usize, usize)) -> Result<Image<bool>, String> {
-    if !path.is_file() {
-        return Err(format!("{}: there is no such mask", path.display()));
-    }
-    let decoded = open(path, size)?;
-    let pixels = decoded.to_rgb32f().pixels().map(|p| p.0.iter().any(|&v| v > 0.0)).collect();
-    Ok(Image { width: size.0, height: size.1, pixels })
 }
 
 /// Path of a station's radiance image inside a session directory.
@@ -249,7 +263,6 @@ pub fn write_for_session(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::numerics::geometry::Projection;
 
     const GOOD: &str = r#"
         format = 1
@@ -267,19 +280,23 @@ mod tests {
         irradiance = [1, 1, 1]
     "#;
 
-    fn reasons(from: &str, to: &str) -> String {
-        match parse(&GOOD.replace(from, to)) {
-            Ok(_) => String::new(),
-            Err(reasons) => reasons.join("; "),
-        }
+    const CYLINDER: &str = include_str!("../../fuzz/seeds/dataset_toml/cylinder.toml");
+    const NORMALS: &str = include_str!("../../fuzz/seeds/dataset_toml/normals.toml");
+
+    /// Why `text` is refused after one replacement.
+    #[track_caller]
+    fn refused(text: &str, from: &str, to: &str, expected: &str) {
+        assert!(text.contains(from), "{from} is not there to be replaced");
+        let found = parse(&text.replace(from, to)).err().unwrap_or_default().join("; ");
+        assert!(found.contains(expected), "{from} -> {to}: {found}");
     }
 
     #[test]
     fn a_sound_description_is_read_and_directions_are_normalised() {
-        let (geometry, samples, _) = parse(GOOD).unwrap();
-        assert_eq!(geometry.lights[0].light, Light::Distant { direction: -Vec3::z(), irradiance: [1.0; 3] });
-        assert_eq!(samples.cosine_cutoff, COSINE_CUTOFF);
-        assert!(matches!(geometry.projection, Projection::Orthographic { mm_per_px: 1.0 }));
+        let described = parse(GOOD).unwrap();
+        assert_eq!(described.lights[0].light, Light::Distant { direction: -Vec3::z(), irradiance: [1.0; 3] });
+        assert_eq!(described.samples.cosine_cutoff, COSINE_CUTOFF);
+        assert!(matches!(described.projection, Projection::Orthographic { mm_per_px: 1.0 }));
     }
 
     #[test]
@@ -292,7 +309,11 @@ mod tests {
             ("irradiance = [1, 1, 1]", "", "either position_mm"),
             ("radius_px = 3.0", "radius_px = -3.0", "radius_px"),
             ("radius_px = 3.0", "", "radius_px"),
-            ("\"sphere\"", "\"cylinder\"", "cylinder"),
+            ("\"sphere\"", "\"cylinder\"", "center_px does not belong to a cylinder"),
+            ("\"sphere\"", "\"cylinder\"", "a cylinder needs axis_start_mm, axis_end_mm and radius_mm"),
+            ("\"sphere\"", "\"normals\"", "needs normals"),
+            ("\"sphere\"", "\"cube\"", "`sphere`, `cylinder`, `normals`"),
+            ("radius_px = 3.0", "radius_px = 3.0\nnormals = \"n.exr\"", "normals does not belong to a sphere"),
             ("\"orthographic\"", "\"pinhole\"", "focal_px"),
             ("width = 8", "width = 0", "0 x 8"),
             ("width = 8", "width = 8\nwidht = 9", "widht"),
@@ -302,8 +323,74 @@ mod tests {
                 "inside the object",
             ),
         ] {
-            let found = reasons(from, to);
-            assert!(found.contains(expected), "{from} -> {to}: {found}");
+            refused(GOOD, from, to, expected);
         }
+    }
+
+    #[test]
+    fn every_mistake_in_a_cylinder_is_named() {
+        for (from, to, expected) in [
+            ("[40.0, -5.0, 1490.0]", "[-40.0, 5.0, 1500.0]", "the axis must have a length"),
+            ("[40.0, -5.0, 1490.0]", "[inf, 0, 1500]", "the axis must have a length"),
+            ("radius_mm = 20.0", "radius_mm = 0", "radius be positive"),
+            ("radius_mm = 20.0", "radius_mm = nan", "radius be positive"),
+            ("radius_mm = 20.0", "", "radius_mm"),
+            ("1490.0]", "-1490.0]", "wholly in front of the camera"),
+            ("radius_mm = 20.0", "radius_mm = 1600", "wholly in front of the camera"),
+            (
+                "radius_mm = 20.0",
+                "radius_mm = 20.0\ncenter_mm = [0, 0, 1500]",
+                "center_mm does not belong to a cylinder",
+            ),
+            ("[600.0, 0.0, 1500.0]", "[0, 0, 1500]", "inside the object"),
+        ] {
+            refused(CYLINDER, from, to, expected);
+        }
+        let from_the_end = GOOD.replace(
+            "shape = \"sphere\"\n        center_px = [4.0, 4.0]\n        radius_px = 3.0",
+            "shape = \"cylinder\"\naxis_start_mm = [4, 4, 0]\naxis_end_mm = [4, 4, 9]\nradius_mm = 3",
+        );
+        refused(&from_the_end, "format", "format", "along the axis");
+    }
+
+    #[test]
+    fn every_mistake_in_a_map_is_named() {
+        for (from, to, expected) in [
+            ("normals = \"normals.exr\"", "", "needs normals"),
+            ("positions = \"positions.exr\"", "", "need positions as well"),
+            ("mask =", "radius_mm = 3\nmask =", "radius_mm does not belong to shape = \"normals\""),
+        ] {
+            refused(NORMALS, from, to, expected);
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_what_was_read() {
+        for text in [GOOD, CYLINDER, NORMALS] {
+            let written = toml::to_string(&toml::from_str::<RawDataset>(text).unwrap()).unwrap();
+            let (was, is) = (parse(text).unwrap(), parse(&written).unwrap());
+            assert_eq!((was.projection, was.object, was.mask), (is.projection, is.object, is.mask));
+        }
+    }
+
+    #[test]
+    fn a_file_of_another_encoding_is_said_to_be_one() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(FILE), b"format = 1\n# caf\xe9\n").unwrap();
+        let error = read_geometry(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("line 2 is not UTF-8"), "{error}");
+    }
+
+    #[test]
+    fn lights_that_share_an_image_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let light =
+            |name: &str| format!("[[light]]\nimage = \"{name}\"\ndirection = [0, 0, -2]\nirradiance = [1, 1, 1]\n");
+        let text = GOOD.to_owned() + &["b/c.exr", "./a.png", "c.exr", "b/./c.exr"].map(light).concat();
+        std::fs::write(folder.path().join(FILE), text).unwrap();
+        let reasons = read(folder.path()).unwrap_err().reasons;
+        assert!(reasons[0].contains("lights 0 and 2 use the same image ./a.png"), "{reasons:?}");
+        assert!(reasons[1].contains("lights 1 and 4 use the same image b/./c.exr"), "{reasons:?}");
+        assert!(!reasons[2].contains("same image"), "{reasons:?}");
     }
 }

@@ -210,6 +210,25 @@ pub fn read_radiance(path: &Path, full: (usize, usize)) -> Result<RadianceImage,
     Ok(image)
 }
 
+/// Reads three numbers a pixel, of either sign, as a full frame: channels X Y Z or R G B. Pixels outside the data window
+/// hold zeros; whether the numbers are finite is for the caller to say.
+pub fn read_vectors(path: &Path, full: (usize, usize)) -> Result<Image<[f32; 3]>, ExrError> {
+    let mut planes = read_planes(path, full)?;
+    let names: Vec<String> = planes.channels.iter().map(|(name, _)| name.clone()).collect();
+    let Some([x, y, z]) = triple(&mut planes, ["X", "Y", "Z"]).or_else(|| triple(&mut planes, COLOURS)) else {
+        return Err(error(
+            path,
+            format!("it has the channels {}; X, Y and Z (or R, G and B) are needed", names.join(", ")),
+        ));
+    };
+    let mut image = Image::filled(full.0, full.1, [0.0; 3]);
+    for from in 0..planes.size.0 * planes.size.1 {
+        let (column, row) = (planes.origin.0 + from % planes.size.0, planes.origin.1 + from / planes.size.0);
+        image.pixels[row * full.0 + column] = [x[from], y[from], z[from]];
+    }
+    Ok(image)
+}
+
 fn triple(planes: &mut Planes, names: [&str; 3]) -> Option<[Vec<f32>; 3]> {
     Some([planes.take(names[0])?, planes.take(names[1])?, planes.take(names[2])?])
 }

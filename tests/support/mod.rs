@@ -69,6 +69,8 @@ pub fn rig() -> Rig {
         fit: Fit {
             materials: Some(2),
             model: "ward".into(),
+            lobe: "auto".into(),
+            gains: "auto".into(),
             solver: "zheng2008".into(),
             objective: "noise".into(),
             cosine_cutoff: 0.15,

@@ -117,7 +117,7 @@ fn geometry(rig: &Rig) -> Geometry {
             principal_px: camera.principal_px,
             distortion: camera.distortion,
         },
-        object: Sphere { center: Vec3::from(rig.object.center_mm), radius: rig.object.radius_mm },
+        object: Sphere { center: Vec3::from(rig.object.center_mm), radius: rig.object.radius_mm }.into(),
         mask: None,
         lights: Vec::new(),
         cosine_cutoff: COSINE_CUTOFF,
@@ -139,7 +139,7 @@ fn weight_pairs(
                 continue;
             }
             let ray = geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5);
-            if let Some(point) = geometry.object.intersect(&ray) {
+            if let Some(point) = geometry.object.at(x, y, &ray) {
                 pairs.push((f64::from(*stored.weights[found].at(x, y)), world.scene().weights(&point.normal)[truth]));
             }
         }
@@ -213,7 +213,7 @@ fn relight_error(
         let model = relight(lobe, found, &stored.weights, geometry, &light);
         for y in 0..geometry.height {
             for x in 0..geometry.width {
-                let Some(point) = geometry.object.intersect(&geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))
+                let Some(point) = geometry.object.at(x, y, &geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))
                 else {
                     continue;
                 };

@@ -9,8 +9,15 @@ use super::geometry::Angles;
 use super::simd::{LANES, Lane};
 use std::f64::consts::FRAC_1_PI;
 
+pub mod blinn_phong;
+pub mod cook_torrance;
+pub mod ggx;
+pub mod lafortune;
 pub mod lambert;
+mod microfacet;
+pub mod torrance_sparrow;
 pub mod ward;
+pub mod ward_duer;
 
 /// How a lobe depends on its roughness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +65,7 @@ pub trait Lobe: Send + Sync {
 
     /// Value of the lobe (1/sr) and its derivative by ln(roughness).
     fn value_and_slope(&self, angles: &Angles, roughness: f64) -> (f64, f64) {
+        let angles = &microfacet::bounded(angles);
         let Fixed { exponent, scale } = self.fixed(angles);
         let beta2 = roughness * roughness;
         let x = exponent / beta2;
@@ -101,5 +109,19 @@ pub fn by_name(name: &str) -> Option<&'static dyn Lobe> {
     MODELS.iter().copied().find(|model| model.name() == name)
 }
 
-/// Every model that can be selected.
-pub const MODELS: &[&dyn Lobe] = &[&lambert::Lambert, &ward::Ward];
+/// Every model that can be selected, simple ones first.
+pub const MODELS: &[&dyn Lobe] = &[
+    &lambert::Lambert,
+    &blinn_phong::BlinnPhong,
+    &torrance_sparrow::TorranceSparrow,
+    &cook_torrance::CookTorrance,
+    &ward::Ward,
+    &ward_duer::WardDuer,
+    &lafortune::Lafortune,
+    &ggx::Ggx,
+];
+
+/// Their names.
+pub fn names() -> Vec<&'static str> {
+    MODELS.iter().map(|model| model.name()).collect()
+}

@@ -49,6 +49,12 @@ impl Folds {
         folds.retain(|fold| fold.rest.points() > 0 && !fold.left_out.is_empty());
         Self { folds }
     }
+
+    /// The same with the irradiance of the lights a fit sees times their gains; a left-out light's gain is not known.
+    pub fn with_gains(&self, gains: &[f64]) -> Self {
+        let fold = |fold: &Fold| Fold { rest: fold.rest.with_gains(gains), left_out: fold.left_out.clone() };
+        Self { folds: self.folds.iter().map(fold).collect() }
+    }
 }
 
 /// Error of the materials that `fit` finds without each group of lights, on that group. None where no light can be left

@@ -19,7 +19,7 @@ pub const PER_MATERIAL: usize = 7;
 const PIVOT: f32 = 1e-5;
 
 /// Reweightings of Cauchy's function before the weights of a point stand.
-const REWEIGHTINGS: usize = 3;
+const REWEIGHTINGS: usize = 2;
 
 /// Constraint of the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,13 +58,13 @@ pub fn normal_at(level: Level, prepared: &Prepared, materials: &[Material], sign
     let chunks: Vec<Sums> = (0..prepared.blocks().div_ceil(BLOCKS))
         .into_par_iter()
         .map(|chunk| {
-            let mut totals = Totals::new(n);
+            let mut sums = Sums::zero(n);
             let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
-            level.run(Pass { prepared, materials, sign, blocks, out: Out::Normal(&mut totals) });
-            totals.sums()
+            level.run(Pass { prepared, materials, sign, blocks, out: Out::Normal(&mut sums) });
+            sums
         })
         .collect();
-    let mut all = Sums { cost: 0.0, gradient: vec![0.0; n], hessian: vec![0.0; triangle(n, 0)] };
+    let mut all = Sums::zero(n);
     for chunk in chunks {
         all.cost += chunk.cost;
         all.gradient.iter_mut().zip(chunk.gradient).for_each(|(sum, value)| *sum += value);
@@ -97,24 +97,44 @@ pub fn weights_at(level: Level, prepared: &Prepared, materials: &[Material], sig
     (chunks.into_iter().flat_map(|chunk| chunk.0).collect(), cost)
 }
 
-/// Sums of a chunk, one lane a point.
-struct Totals {
-    cost: Lane,
-    gradient: Vec<Lane>,
-    hessian: Vec<Lane>,
+/// Standard deviations of the weights of all points for fixed BRDF parameters and residuals of unit variance; 0 for one that
+/// is held at zero.
+pub fn deviations(prepared: &Prepared, materials: &[Material], sign: Sign) -> Vec<f64> {
+    let count = materials.len();
+    let chunks: Vec<Vec<f64>> = (0..prepared.blocks().div_ceil(BLOCKS))
+        .into_par_iter()
+        .map(|chunk| {
+            let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
+            let points = prepared.points.min(blocks.end * LANES) - blocks.start * LANES;
+            let mut sigma = vec![0.0; CHUNK * count];
+            Level::best().run(Pass { prepared, materials, sign, blocks, out: Out::Deviations(&mut sigma) });
+            sigma.truncate(points * count);
+            sigma
+        })
+        .collect();
+    chunks.concat()
 }
 
-impl Totals {
-    fn new(n: usize) -> Self {
-        Self { cost: [0.0; LANES], gradient: vec![[0.0; LANES]; n], hessian: vec![[0.0; LANES]; triangle(n, 0)] }
-    }
+/// Sums of a chunk, one lane a point: `N` unknowns with a triangle of `H` entries.
+struct Totals<const N: usize, const H: usize> {
+    cost: Lane,
+    gradient: [Lane; N],
+    hessian: [Lane; H],
+}
 
-    fn sums(&self) -> Sums {
-        Sums {
-            cost: sum(&self.cost),
-            gradient: self.gradient.iter().map(sum).collect(),
-            hessian: self.hessian.iter().map(sum).collect(),
-        }
+impl<const N: usize, const H: usize> Totals<N, H> {
+    const ZERO: Self = Self { cost: [0.0; LANES], gradient: [[0.0; LANES]; N], hessian: [[0.0; LANES]; H] };
+
+    fn add_to(&self, sums: &mut Sums) {
+        sums.cost += sum(&self.cost);
+        sums.gradient.iter_mut().zip(&self.gradient).for_each(|(total, lane)| *total += sum(lane));
+        sums.hessian.iter_mut().zip(&self.hessian).for_each(|(total, lane)| *total += sum(lane));
+    }
+}
+
+impl Sums {
+    fn zero(unknowns: usize) -> Self {
+        Self { cost: 0.0, gradient: vec![0.0; unknowns], hessian: vec![0.0; triangle(unknowns, 0)] }
     }
 }
 
@@ -123,9 +143,10 @@ fn sum(lane: &Lane) -> f64 {
 }
 
 enum Out<'a> {
-    Normal(&'a mut Totals),
+    Normal(&'a mut Sums),
     /// Weights and cost.
     Weights(&'a mut [f64], &'a mut Lane),
+    Deviations(&'a mut [f64]),
 }
 
 /// A pass over the blocks of one chunk.
@@ -142,20 +163,21 @@ impl Work for Pass<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        // M materials have B = 1 + 2 M basis functions with T = B (B + 1) / 2 products.
+        // M materials have B = 1 + 2 M basis functions with T = B (B + 1) / 2 products, and N = 7 M unknowns.
         match self.materials.len() {
-            1 => self.go::<V, 1, 3, 6>(),
-            2 => self.go::<V, 2, 5, 15>(),
-            3 => self.go::<V, 3, 7, 28>(),
-            _ => self.go::<V, MAX_MATERIALS, 9, 45>(),
+            1 => self.go::<V, 1, 3, 6, 7, 28>(),
+            2 => self.go::<V, 2, 5, 15, 14, 105>(),
+            3 => self.go::<V, 3, 7, 28, 21, 231>(),
+            _ => self.go::<V, MAX_MATERIALS, 9, 45, 28, 406>(),
         }
     }
 }
 
 impl Pass<'_> {
     #[inline(always)]
-    fn go<V: Vector, const M: usize, const B: usize, const T: usize>(self) {
+    fn go<V: Vector, const M: usize, const B: usize, const T: usize, const N: usize, const H: usize>(self) {
         let alpha = Alpha::<M>::new(self.materials);
+        let mut totals = Totals::<N, H>::ZERO;
         let Pass { prepared, sign, blocks, mut out, .. } = self;
         let mut scratch = Scratch::<V, B, T>::default();
         for (index, block) in blocks.enumerate() {
@@ -168,20 +190,21 @@ impl Pass<'_> {
                     point.reweight(scale, &mut scratch);
                 }
                 match &mut out {
-                    Out::Normal(totals) => point.normal(prepared.cauchy, &scratch, totals),
+                    Out::Normal(_) => point.normal(prepared.cauchy, &scratch, &mut totals),
                     Out::Weights(gamma, cost) => {
                         let found = point.quadratic(&scratch).minimise(sign).gamma;
                         accumulate(cost, part, point.cost(prepared.cauchy, &scratch, &found));
-                        for m in 0..M {
-                            let mut lane = [0.0; LANES];
-                            found[m].store(&mut lane, part);
-                            for i in part * V::WIDTH..(part + 1) * V::WIDTH {
-                                gamma[(index * LANES + i) * M + m] = f64::from(lane[i]);
-                            }
-                        }
+                        scatter(&found, part, index, gamma);
+                    }
+                    Out::Deviations(sigma) => {
+                        let minimum = point.quadratic(&scratch).minimise(sign);
+                        scatter(&minimum.deviations(), part, index, sigma);
                     }
                 }
             }
+        }
+        if let Out::Normal(sums) = out {
+            totals.add_to(sums);
         }
     }
 }
@@ -305,16 +328,17 @@ impl<const M: usize> Point<'_, M> {
     ) -> ([V; T], [V; B]) {
         let mut gram = [V::splat(0.0); T];
         let mut seen = [V::splat(0.0); B];
-        for (index, row) in self.rows.iter().enumerate() {
+        let made = scratch.basis.iter().zip(&scratch.products).zip(&scratch.robust);
+        for (row, ((basis, products), robust)) in self.rows.iter().zip(made) {
             let e = V::load(&row.irradiance[c], self.part);
             let y = V::load(&row.radiance[c], self.part);
-            let weighted = scratch.robust[index][c] * e;
+            let weighted = robust[c] * e;
             let (ee, ey) = (weighted * e, weighted * y);
             for i in 0..B {
-                seen[i] = ey.mul_add(scratch.basis[index][i], seen[i]);
+                seen[i] = ey.mul_add(basis[i], seen[i]);
             }
             for t in 0..T {
-                gram[t] = ee.mul_add(scratch.products[index][t], gram[t]);
+                gram[t] = ee.mul_add(products[t], gram[t]);
             }
         }
         (gram, seen)
@@ -358,16 +382,15 @@ impl<const M: usize> Point<'_, M> {
         let mut q = Quadratic::zero();
         for c in 0..3 {
             let mut unit = [V::splat(0.0); M];
-            for (index, row) in self.rows.iter().enumerate() {
+            for (row, (basis, robust)) in self.rows.iter().zip(scratch.basis.iter().zip(&scratch.robust)) {
                 let e = V::load(&row.irradiance[c], self.part);
                 let y = V::load(&row.radiance[c], self.part);
-                let robust = scratch.robust[index][c];
                 for m in 0..M {
                     let rho_s = V::splat(self.alpha.rho_s[m][c]);
-                    unit[m] = e * rho_s.mul_add(scratch.basis[index][1 + m], V::splat(self.alpha.rho_d[m][c]));
+                    unit[m] = e * rho_s.mul_add(basis[1 + m], V::splat(self.alpha.rho_d[m][c]));
                 }
                 for m in 0..M {
-                    let wu = robust * unit[m];
+                    let wu = robust[c] * unit[m];
                     q.b[m] = wu.mul_add(y, q.b[m]);
                     for k in 0..=m {
                         q.g[m][k] = wu.mul_add(unit[k], q.g[m][k]);
@@ -397,12 +420,12 @@ impl<const M: usize> Point<'_, M> {
         scratch.robust.iter_mut().for_each(|robust| *robust = [one; 3]);
         for _ in 0..REWEIGHTINGS {
             let gamma = self.quadratic(scratch).minimise(self.sign).gamma;
-            for (index, row) in self.rows.iter().enumerate() {
+            for (row, (basis, robust)) in self.rows.iter().zip(scratch.basis.iter().zip(&mut scratch.robust)) {
                 for c in 0..3 {
                     let e = V::load(&row.irradiance[c], self.part);
                     let y = V::load(&row.radiance[c], self.part);
-                    let residual = y - e * self.reflectance(c, &gamma, &scratch.basis[index]);
-                    scratch.robust[index][c] = one / (residual * residual).mul_add(inverse, one);
+                    let residual = y - e * self.reflectance(c, &gamma, basis);
+                    robust[c] = one / (residual * residual).mul_add(inverse, one);
                 }
             }
         }
@@ -410,11 +433,11 @@ impl<const M: usize> Point<'_, M> {
 
     /// Adds cost, gradient and Schur complement of these points.
     #[inline(always)]
-    fn normal<V: Vector, const B: usize, const T: usize>(
+    fn normal<V: Vector, const B: usize, const T: usize, const N: usize, const H: usize>(
         &self,
         cauchy: Option<f32>,
         scratch: &Scratch<V, B, T>,
-        totals: &mut Totals,
+        totals: &mut Totals<N, H>,
     ) {
         let zero = V::splat(0.0);
         let mut grams = [[zero; T]; 3];
@@ -442,11 +465,11 @@ impl<const M: usize> Point<'_, M> {
         gamma: &[V; M],
     ) -> V {
         let mut cost = V::splat(0.0);
-        for (index, row) in self.rows.iter().enumerate() {
+        for (row, basis) in self.rows.iter().zip(&scratch.basis) {
             for c in 0..3 {
                 let e = V::load(&row.irradiance[c], self.part);
                 let y = V::load(&row.radiance[c], self.part);
-                let residual = y - e * self.reflectance(c, gamma, &scratch.basis[index]);
+                let residual = y - e * self.reflectance(c, gamma, basis);
                 cost = add_cost(cauchy, residual, cost);
             }
         }
@@ -455,25 +478,24 @@ impl<const M: usize> Point<'_, M> {
 
     /// Adds the cost and the gradient.
     #[inline(always)]
-    fn add_residuals<V: Vector, const B: usize, const T: usize>(
+    fn add_residuals<V: Vector, const B: usize, const T: usize, const N: usize, const H: usize>(
         &self,
         cauchy: Option<f32>,
         scratch: &Scratch<V, B, T>,
         minimum: &Minimum<V, M>,
-        totals: &mut Totals,
+        totals: &mut Totals<N, H>,
     ) {
         let zero = V::splat(0.0);
         let mut cost = zero;
         let mut slope = [zero; M];
         for c in 0..3 {
             let mut along = [zero; B];
-            for (index, row) in self.rows.iter().enumerate() {
+            for (row, (basis, robust)) in self.rows.iter().zip(scratch.basis.iter().zip(&scratch.robust)) {
                 let e = V::load(&row.irradiance[c], self.part);
                 let y = V::load(&row.radiance[c], self.part);
-                let basis = &scratch.basis[index];
                 let residual = y - e * self.reflectance(c, &minimum.gamma, basis);
                 cost = add_cost(cauchy, residual, cost);
-                let er = scratch.robust[index][c] * e * residual;
+                let er = robust[c] * e * residual;
                 for i in 0..B {
                     along[i] = er.mul_add(basis[i], along[i]);
                 }
@@ -529,10 +551,16 @@ impl<const M: usize> Point<'_, M> {
 
     /// Takes the weights' part off the normal matrix.
     #[inline(always)]
-    fn add_schur<V: Vector>(&self, coupling: &[[[V; M]; PER_MATERIAL]; M], totals: &mut Totals) {
+    fn add_schur<V: Vector, const N: usize, const H: usize>(
+        &self,
+        coupling: &[[[V; M]; PER_MATERIAL]; M],
+        totals: &mut Totals<N, H>,
+    ) {
         let all = coupling.as_flattened();
+        let mut rest = totals.hessian.as_mut_slice();
         for (i, left) in all.iter().enumerate() {
-            let row = &mut totals.hessian[triangle(i, 0)..=triangle(i, i)];
+            let row;
+            (row, rest) = rest.split_at_mut(i + 1);
             for (total, right) in row.iter_mut().zip(all) {
                 let mut product = left[0] * right[0];
                 for k in 1..M {
@@ -545,7 +573,13 @@ impl<const M: usize> Point<'_, M> {
 
     /// Adds the products of the derivatives of channel `c`.
     #[inline(always)]
-    fn add_products<V: Vector, const T: usize>(&self, c: usize, gram: &[V; T], gamma: &[V; M], totals: &mut Totals) {
+    fn add_products<V: Vector, const T: usize, const N: usize, const H: usize>(
+        &self,
+        c: usize,
+        gram: &[V; T],
+        gamma: &[V; M],
+        totals: &mut Totals<N, H>,
+    ) {
         for m in 0..M {
             for k in 0..3 {
                 let (p, a, left) = self.derivative(c, m, k, gamma);
@@ -568,6 +602,18 @@ impl<const M: usize> Point<'_, M> {
             0 => (m * PER_MATERIAL + c, 0, gamma[m] * V::splat(FRAC_1_PI)),
             1 => (m * PER_MATERIAL + 3 + c, 1 + m, gamma[m]),
             _ => (m * PER_MATERIAL + 6, 1 + M + m, gamma[m] * V::splat(self.alpha.rho_s[m][c])),
+        }
+    }
+}
+
+/// Writes what one vector of points found for every material.
+#[inline(always)]
+fn scatter<V: Vector, const M: usize>(values: &[V; M], part: usize, block: usize, out: &mut [f64]) {
+    for m in 0..M {
+        let mut lane = [0.0; LANES];
+        values[m].store(&mut lane, part);
+        for i in part * V::WIDTH..(part + 1) * V::WIDTH {
+            out[(block * LANES + i) * M + m] = f64::from(lane[i]);
         }
     }
 }
@@ -680,6 +726,25 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
             most = gain.max(most);
         }
         best
+    }
+}
+
+impl<V: Vector, const M: usize> Minimum<V, M> {
+    /// Square roots of the diagonal of the inverse.
+    #[inline(always)]
+    fn deviations(&self) -> [V; M] {
+        let mut deviations = [V::splat(0.0); M];
+        for m in 0..M {
+            let mut column = [V::splat(0.0); M];
+            column[m] = self.free[m];
+            self.factor.forward(&mut column);
+            let mut square = V::splat(0.0);
+            for value in column {
+                square = value.mul_add(value, square);
+            }
+            deviations[m] = square.sqrt();
+        }
+        deviations
     }
 }
 

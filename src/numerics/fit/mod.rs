@@ -6,6 +6,7 @@
 
 pub mod alpha;
 pub mod folds;
+pub mod gains;
 pub mod gauge;
 pub mod initialise;
 pub mod kernel;

@@ -1,6 +1,6 @@
 //! The samples a fit looks at: for every object point, the radiance and the angles under every light that counts.
 
-use crate::numerics::geometry::{Angles, Light, Projection, Sphere};
+use crate::numerics::geometry::{Angles, Light, Projection, Shape};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::simd::{LANES, Lane};
 use rayon::prelude::*;
@@ -122,7 +122,7 @@ pub struct Scene<'a> {
     /// The camera.
     pub projection: &'a Projection,
     /// The object.
-    pub object: &'a Sphere,
+    pub object: &'a Shape,
     /// True on the object, where a mask was given.
     pub mask: Option<&'a Image<bool>>,
     /// Lights and the radiance under each.
@@ -239,6 +239,18 @@ impl Observations {
         self.changed(least, |_, sample| keep(sample.light).then_some(sample))
     }
 
+    /// The same with the irradiance of each light times its gain.
+    pub fn with_gains(&self, gains: &[f64]) -> Self {
+        let mut changed = self.clone();
+        for row in &mut changed.rows {
+            for lane in 0..LANES {
+                let gain = gains[usize::from(row.light[lane])] as f32;
+                row.irradiance.iter_mut().for_each(|channel| channel[lane] *= gain);
+            }
+        }
+        changed
+    }
+
     /// The points of these indices.
     pub fn select(&self, points: &[usize]) -> Self {
         let mut kept = Self::new(self.lights);
@@ -264,7 +276,7 @@ fn gather_point(scene: &Scene<'_>, x: usize, y: usize, pixel: usize) -> Option<G
     if scene.mask.is_some_and(|mask| !mask.pixels[pixel]) {
         return None;
     }
-    let surface = scene.object.intersect(&scene.projection.ray(x as f64 + 0.5, y as f64 + 0.5))?;
+    let surface = scene.object.at(x, y, &scene.projection.ray(x as f64 + 0.5, y as f64 + 0.5))?;
     let mut gathered = Gathered { pixel, samples: Vec::new(), unusable: 0, unusable_highlight: 0 };
     for (index, (light, image)) in scene.lights.iter().enumerate() {
         let (to_light, facing) = light.at(&surface.position);

@@ -52,8 +52,6 @@ pub struct Recipe<'a> {
     pub lobe: &'a dyn Lobe,
     /// Objective.
     pub objective: Objective,
-    /// Factor of each light's irradiance; none for 1.
-    pub gains: Option<&'a [f64]>,
     /// Root mean square radiance ([`brightness`]), which absolute residuals are measured by.
     pub brightness: f64,
 }
@@ -122,12 +120,6 @@ fn prepare(recipe: &Recipe<'_>, row: &Row, ready: &mut ReadyRow) {
         Measure::Absolute => scaled(row, ready, |_, _| over_brightness),
         Measure::Relative => scaled(row, ready, |i, _| 1.0 / i),
         Measure::Noise => scaled(row, ready, deviation),
-    }
-    if let Some(gains) = recipe.gains {
-        for lane in 0..LANES {
-            let gain = gains[usize::from(row.light[lane])] as f32;
-            ready.irradiance.iter_mut().for_each(|channel| channel[lane] *= gain);
-        }
     }
 }
 

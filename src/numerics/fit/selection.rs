@@ -1,106 +1,321 @@
-//! How many materials the object needs, judged by left-out lights (METHOD 7): one more is accepted only if it lowers the
-//! error on lights the fit never saw.
+//! No more than the scene needs: number of materials, reflection model, colour of the lobe and light gains, each judged by
+//! left-out lights. A further freedom is taken only if it lowers the error on lights the fit never saw.
 
-use super::initialise::initialise;
+use super::folds::{Folds, LeftOut, predicted};
+use super::gains::light_gains;
+use super::kernel::{self, Sign};
+use super::levmar::Stop;
 use super::objective::Objective;
 use super::observations::Observations;
-use super::quality::judge_left_out;
-use super::solver::Termination;
-use super::weights::solve_weights;
-use super::zheng2008::{self, Options};
+use super::prepared::{Prepared, Recipe, brightness};
+use super::sampling::stratified;
+use super::unknowns::Colour;
+use super::varpro::{FOLD_STOP, multi_start, search};
 use super::{MAX_MATERIALS, Mixture};
-use crate::numerics::brdf::Lobe;
+use crate::numerics::brdf::{self, Lobe};
 use std::ops::ControlFlow;
 
-/// Points that decide: alpha is settled by far fewer than an image has.
+/// Points that decide: BRDF parameters are settled by far fewer than an image has.
 const POINTS: usize = 800;
 
-/// Most groups of lights left out in turn.
-const FOLDS: usize = 6;
+/// Points of the search for a start.
+const START_POINTS: usize = 384;
 
-/// A further material must lower the left-out error by this much, relative, to be worth having.
-const GAIN: f64 = 0.02;
+/// Classes of colour that the deciding points are spread over.
+const CLASSES: usize = 3;
 
-/// Rounds of the fit to all lights, and of each refit without one group of them, which starts from that fit.
-const ROUNDS: (usize, usize) = (60, 12);
+/// One more material must lower the left-out error by this much, relative, to be worth having; another model, or a gain for
+/// each light, by that much.
+const MATERIAL_GAIN: f64 = 0.02;
+const GAIN: f64 = 0.01;
 
-/// A number of materials with its score.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A simpler lobe may raise it by this much.
+const LOSS: f64 = 0.003;
+
+/// What is taken may not raise the error on left-out highlights by more than this, relative.
+const HIGHLIGHT_LOSS: f64 = 0.1;
+
+const STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 40 };
+
+/// What is to be chosen: none where the caller leaves it to the data.
+#[derive(Clone, Copy)]
+pub struct Wishes {
+    /// Number of materials.
+    pub materials: Option<usize>,
+    /// Reflection model.
+    pub lobe: Option<&'static dyn Lobe>,
+    /// Colour of the lobe.
+    pub colour: Option<Colour>,
+    /// True fits light gains, false does not.
+    pub gains: Option<bool>,
+}
+
+/// A combination that was tried.
+#[derive(Clone)]
 pub struct Candidate {
     /// Number of materials.
     pub materials: usize,
-    /// Mean relative error on left-out lights.
-    pub left_out_relative_error: f64,
+    /// Reflection model.
+    pub lobe: &'static dyn Lobe,
+    /// Colour of the lobe.
+    pub colour: Colour,
+    /// Factor of each light's irradiance, where gains were fitted.
+    pub gains: Option<Vec<f64>>,
+    /// Errors on left-out lights; none where no light can be left out.
+    pub left_out: Option<LeftOut>,
+    /// Bayes' information criterion over the weights in use; the smaller the better.
+    pub bic: f64,
     /// True for the one taken.
     pub taken: bool,
+    /// Why it was taken or refused.
+    pub reason: String,
 }
 
-/// Tries one material, then one more as long as that pays. Empty when the caller broke off or too few lights see a point.
-pub fn select_materials(
-    lobe: &dyn Lobe,
+impl Candidate {
+    fn error(&self) -> f64 {
+        self.left_out.map_or(f64::INFINITY, |errors| errors.overall)
+    }
+
+    /// True when this one predicts left-out lights better than `other` by the part `gain` of its error.
+    fn beats(&self, other: &Self, gain: f64) -> bool {
+        self.error() < other.error() * (1.0 - gain)
+    }
+
+    /// By how much it raises the error on left-out highlights, relative, where that is too much.
+    fn loses_highlights(&self, other: &Self) -> Option<f64> {
+        let highlight = |candidate: &Self| candidate.left_out.and_then(|errors| errors.highlight);
+        let change = highlight(self)? / highlight(other)? - 1.0;
+        (change > HIGHLIGHT_LOSS).then_some(change)
+    }
+}
+
+/// Tries what `wishes` leaves open and returns every candidate, one of them taken. Empty when the caller broke off.
+pub fn select(
     observations: &Observations,
     objective: Objective,
+    wishes: Wishes,
     go_on: &mut dyn FnMut() -> ControlFlow<()>,
 ) -> Vec<Candidate> {
-    let subset = observations.subset(POINTS);
-    let mut candidates: Vec<Candidate> = Vec::new();
-    for materials in 1..=MAX_MATERIALS {
-        let Some(error) = left_out_error(lobe, &subset, objective, materials, go_on) else { break };
-        let best = candidates.last().map_or(f64::INFINITY, |c| c.left_out_relative_error);
-        candidates.push(Candidate { materials, left_out_relative_error: error, taken: false });
-        if error > best * (1.0 - GAIN) {
-            let previous = candidates.len() - 2;
-            candidates[previous].taken = true;
-            return candidates;
-        }
+    let points = observations.select(&stratified(observations, CLASSES, POINTS));
+    let scene = Scene { folds: Folds::new(&points), brightness: brightness(&points), points, objective };
+    let mut choice = Choice { scene: &scene, tried: Vec::new(), best: 0, go_on };
+    match choose(&mut choice, wishes) {
+        ControlFlow::Continue(()) => choice.finish(),
+        ControlFlow::Break(()) => Vec::new(),
     }
-    if let Some(last) = candidates.last_mut() {
-        last.taken = true;
-    }
-    candidates
 }
 
-/// Mean relative error over all samples, each predicted by a fit that did not see its light.
-fn left_out_error(
-    lobe: &dyn Lobe,
-    subset: &Observations,
-    objective: Objective,
-    materials: usize,
-    go_on: &mut dyn FnMut() -> ControlFlow<()>,
-) -> Option<f64> {
-    let start = initialise(lobe, subset, materials);
-    let full = fit(lobe, subset, start, objective, ROUNDS.0, go_on)?;
-    let folds = subset.lights.min(FOLDS);
-    let mut sum = 0.0;
-    let mut count = 0.0;
-    for fold in 0..folds {
-        let in_fold = |light: usize| light % folds == fold;
-        let (rest, kept) = subset.filtered(2, |light| !in_fold(light));
-        if rest.points() == 0 {
-            continue;
-        }
-        let gamma = solve_weights(lobe, &full.materials, objective, super::weights::WeightRule::Exact, &rest);
-        let start = Mixture { materials: full.materials.clone(), gamma };
-        let mixture = fit(lobe, &rest, start, objective, ROUNDS.1, go_on)?;
-        if let Some(quality) = judge_left_out(lobe, &mixture, subset, &kept, in_fold) {
-            sum += quality.mean_relative_error;
-            count += 1.0;
-        }
+fn choose(choice: &mut Choice<'_>, wishes: Wishes) -> ControlFlow<()> {
+    let lobe = wishes.lobe.unwrap_or(&brdf::ward::Ward);
+    let colour = wishes.colour.unwrap_or(Colour::Coloured);
+    choice.first(wishes.materials.unwrap_or(1), lobe, colour)?;
+    match wishes.materials {
+        None => choice.more_materials()?,
+        Some(materials) if materials > 1 => choice.one_fewer()?,
+        Some(_) => {}
     }
-    (count > 0.0).then(|| sum / count)
+    if wishes.lobe.is_none() {
+        choice.other_models(wishes.materials.is_none())?;
+    }
+    if wishes.colour.is_none() {
+        choice.simpler_lobes()?;
+    }
+    match wishes.gains {
+        Some(false) => ControlFlow::Continue(()),
+        wish => choice.light_gains(wish == Some(true)),
+    }
 }
 
-fn fit(
-    lobe: &dyn Lobe,
-    observations: &Observations,
-    start: Mixture,
+/// The points that decide.
+struct Scene {
+    points: Observations,
+    folds: Folds,
+    brightness: f64,
     objective: Objective,
-    rounds: usize,
-    go_on: &mut dyn FnMut() -> ControlFlow<()>,
-) -> Option<Mixture> {
-    let options = Options { iterations: rounds, relative_decrease: 1e-4, ..Options::new(objective) };
-    let solution = zheng2008::solve(lobe, observations, start, options, &mut |_, _| go_on());
-    (solution.termination != Termination::Cancelled).then_some(solution.mixture)
+}
+
+struct Choice<'a> {
+    scene: &'a Scene,
+    tried: Vec<Candidate>,
+    best: usize,
+    go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
+}
+
+impl Choice<'_> {
+    fn best(&self) -> Candidate {
+        self.tried[self.best].clone()
+    }
+
+    fn first(&mut self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> ControlFlow<()> {
+        let candidate = self.scene.evaluate(materials, lobe, colour);
+        self.tried.push(candidate);
+        (self.go_on)()
+    }
+
+    /// Tries a candidate; takes it if `accept(candidate, best)`.
+    fn attempt(
+        &mut self,
+        candidate: Candidate,
+        accept: impl FnOnce(&Candidate, &Candidate) -> Result<String, String>,
+    ) -> ControlFlow<(), bool> {
+        let mut candidate = candidate;
+        let verdict = accept(&candidate, &self.tried[self.best]);
+        let accepted = verdict.is_ok();
+        candidate.reason = verdict.unwrap_or_else(|reason| reason);
+        self.tried.push(candidate);
+        if accepted {
+            self.tried[self.best].reason = "a later one was better".to_owned();
+            self.best = self.tried.len() - 1;
+        }
+        match (self.go_on)() {
+            ControlFlow::Continue(()) => ControlFlow::Continue(accepted),
+            ControlFlow::Break(()) => ControlFlow::Break(()),
+        }
+    }
+
+    fn more_materials(&mut self) -> ControlFlow<()> {
+        while self.best().materials < MAX_MATERIALS {
+            let best = self.best();
+            let next = self.scene.evaluate(best.materials + 1, best.lobe, best.colour);
+            if !self.attempt(next, worth(MATERIAL_GAIN, "one material more"))? {
+                break;
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Shows what one material fewer would do, without taking it: the number was asked for.
+    fn one_fewer(&mut self) -> ControlFlow<()> {
+        let best = self.best();
+        let fewer = self.scene.evaluate(best.materials - 1, best.lobe, best.colour);
+        let asked = format!("{} materials were asked for", best.materials);
+        self.attempt(fewer, |_, _| Err(asked))?;
+        ControlFlow::Continue(())
+    }
+
+    fn other_models(&mut self, fewer: bool) -> ControlFlow<()> {
+        let start = self.best();
+        for &lobe in brdf::MODELS.iter().filter(|lobe| lobe.has_lobe() && lobe.name() != start.lobe.name()) {
+            let next = self.scene.evaluate(start.materials, lobe, start.colour);
+            self.attempt(next, worth(GAIN, "this model"))?;
+        }
+        let best = self.best();
+        if fewer && best.lobe.name() != start.lobe.name() && best.materials > 1 {
+            let next = self.scene.evaluate(best.materials - 1, best.lobe, best.colour);
+            self.attempt(next, simpler("one material fewer"))?;
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn simpler_lobes(&mut self) -> ControlFlow<()> {
+        for colour in [Colour::Achromatic, Colour::None] {
+            let best = self.best();
+            let lobe: &'static dyn Lobe = if colour == Colour::None { &brdf::lambert::Lambert } else { best.lobe };
+            let next = self.scene.evaluate(best.materials, lobe, colour);
+            if !self.attempt(next, simpler("a simpler lobe"))? {
+                break;
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn light_gains(&mut self, wished: bool) -> ControlFlow<()> {
+        let best = self.best();
+        let next = self.scene.evaluate_with_gains(&best);
+        let accept = worth(GAIN, "light gains");
+        self.attempt(next, |new, old| if wished { Ok("asked for".to_owned()) } else { accept(new, old) })?;
+        ControlFlow::Continue(())
+    }
+
+    fn finish(mut self) -> Vec<Candidate> {
+        let best = &mut self.tried[self.best];
+        best.taken = true;
+        if best.reason.is_empty() {
+            best.reason = "nothing tried was better".to_owned();
+        }
+        self.tried
+    }
+}
+
+/// Accepts what lowers the left-out error by `gain`.
+fn worth(gain: f64, what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
+    move |new, old| {
+        let better = new.beats(old, gain);
+        let bic = if (new.bic < old.bic) == better { "BIC agrees" } else { "BIC disagrees" };
+        verdict(new, old, better, what, bic)
+    }
+}
+
+/// Accepts what hardly raises the left-out error.
+fn simpler(what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
+    move |new, old| verdict(new, old, new.beats(old, -LOSS), what, "fewer parameters")
+}
+
+fn verdict(new: &Candidate, old: &Candidate, accept: bool, what: &str, note: &str) -> Result<String, String> {
+    if !new.error().is_finite() || !old.error().is_finite() {
+        return Err(format!("{what}: no light can be left out to judge it"));
+    }
+    let change = 100.0 * (new.error() / old.error() - 1.0);
+    match (accept, new.loses_highlights(old)) {
+        (true, None) => Ok(format!("{what}: {change:+.1} % left-out error, taken; {note}")),
+        (true, Some(loss)) => Err(format!(
+            "{what}: {change:+.1} % left-out error, but {:+.0} % on left-out highlights, refused; {note}",
+            100.0 * loss
+        )),
+        (false, _) => Err(format!("{what}: {change:+.1} % left-out error, refused; {note}")),
+    }
+}
+
+impl Scene {
+    fn evaluate(&self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> Candidate {
+        self.judge(&self.points, &self.folds, materials, lobe, colour, None)
+    }
+
+    /// The best candidate once more, on irradiances times the gains found with it.
+    fn evaluate_with_gains(&self, best: &Candidate) -> Candidate {
+        let recipe = self.recipe(best.lobe);
+        let mut gains = vec![1.0; self.points.lights];
+        for _ in 0..2 {
+            let points = self.points.with_gains(&gains);
+            let (mixture, _) = self.fit(&points, &recipe, best.materials, best.colour);
+            let more = light_gains(best.lobe, &mixture, &points);
+            gains.iter_mut().zip(more).for_each(|(gain, more)| *gain *= more);
+        }
+        let folds = self.folds.with_gains(&gains);
+        self.judge(&self.points.with_gains(&gains), &folds, best.materials, best.lobe, best.colour, Some(gains))
+    }
+
+    fn judge(
+        &self,
+        points: &Observations,
+        folds: &Folds,
+        materials: usize,
+        lobe: &'static dyn Lobe,
+        colour: Colour,
+        gains: Option<Vec<f64>>,
+    ) -> Candidate {
+        let recipe = self.recipe(lobe);
+        let (mixture, cost) = self.fit(points, &recipe, materials, colour);
+        let refit = |rest: &Prepared| search(rest, &mixture.materials, colour, Sign::NonNegative, FOLD_STOP).materials;
+        let left_out = predicted(folds, &recipe, refit);
+        let residuals = (3 * points.samples()) as f64;
+        let in_use = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();
+        let unknowns = in_use + materials * (colour.unknowns() - 1) + gains.as_ref().map_or(0, |g| g.len() - 1);
+        let bic = residuals * (cost / residuals).max(f64::MIN_POSITIVE).ln() + unknowns as f64 * residuals.ln();
+        Candidate { materials, lobe, colour, gains, left_out, bic, taken: false, reason: String::new() }
+    }
+
+    fn recipe(&self, lobe: &'static dyn Lobe) -> Recipe<'static> {
+        Recipe { lobe, objective: self.objective, brightness: self.brightness }
+    }
+
+    fn fit(&self, points: &Observations, recipe: &Recipe<'_>, materials: usize, colour: Colour) -> (Mixture, f64) {
+        let start = multi_start(&points.subset(START_POINTS), recipe, materials, colour);
+        let prepared = Prepared::new(points, recipe);
+        let found = search(&prepared, &start.materials, colour, Sign::NonNegative, STOP);
+        let (gamma, cost) = kernel::weights(&prepared, &found.materials, Sign::NonNegative);
+        (Mixture { materials: found.materials, gamma }, cost)
+    }
 }
 
 #[cfg(test)]
@@ -110,18 +325,57 @@ mod tests {
     use crate::numerics::fit::observations::{Sample, tests::synthetic};
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+    const OPEN: Wishes = Wishes { materials: None, lobe: None, colour: None, gains: None };
+
+    fn taken(observations: &Observations, wishes: Wishes) -> Candidate {
+        let tried = select(observations, Objective::NOISE, wishes, &mut || ControlFlow::Continue(()));
+        let taken: Vec<&Candidate> = tried.iter().filter(|c| c.taken).collect();
+        assert_eq!(taken.len(), 1);
+        assert!(tried.iter().all(|c| !c.reason.is_empty()));
+        taken[0].clone()
+    }
+
+    fn noisy(clean: &Observations, seed: u64) -> Observations {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let noise = |s: Sample, rng: &mut StdRng| Sample {
+            radiance: s.radiance.map(|i| i * (1.0 + rng.random_range(-0.03..0.03))),
+            ..s
+        };
+        clean.changed(1, |_, sample| Some(noise(sample, &mut rng))).0
+    }
+
     #[test]
     fn takes_as_many_materials_as_made_the_data() {
-        for truth in [1, 2] {
-            let (clean, _) = synthetic(500, truth, 30 + truth as u64);
-            let mut rng = StdRng::seed_from_u64(31);
-            let (observations, _) = clean.changed(1, |_, sample| {
-                let radiance = sample.radiance.map(|i| i * (1.0 + rng.random_range(-0.03..0.03)));
-                Some(Sample { radiance, ..sample })
-            });
-            let found = select_materials(&Ward, &observations, Objective::NOISE, &mut || ControlFlow::Continue(()));
-            let taken: Vec<usize> = found.iter().filter(|c| c.taken).map(|c| c.materials).collect();
-            assert_eq!(taken, vec![truth], "{found:?}");
+        for truth in [1, 2, 3] {
+            let (clean, _) = synthetic(900, truth, 30 + truth as u64);
+            let found = taken(&noisy(&clean, 31), OPEN);
+            assert_eq!(found.materials, truth, "{}", found.reason);
+            assert_eq!(found.lobe.name(), "ward");
         }
+    }
+
+    #[test]
+    fn takes_no_lobe_where_there_is_none() {
+        let (clean, mut truth) = synthetic(600, 1, 35);
+        truth.materials[0].rho_s = [0.0; 3];
+        let dull = |point: usize, s: Sample| Sample {
+            radiance: super::super::predict(&Ward, &truth.materials, truth.weights_of(point), &s),
+            ..s
+        };
+        let (observations, _) = clean.changed(1, |point, sample| Some(dull(point, sample)));
+        assert_eq!(taken(&noisy(&observations, 36), OPEN).colour, Colour::None);
+    }
+
+    #[test]
+    fn a_light_that_drifted_is_given_its_gain() {
+        let (clean, _) = synthetic(600, 2, 37);
+        let drifted = |s: Sample| {
+            let factor = if s.light == 3 { 1.08 } else { 1.0 };
+            Sample { radiance: s.radiance.map(|i| factor * i), ..s }
+        };
+        let (observations, _) = noisy(&clean, 38).changed(1, |_, sample| Some(drifted(sample)));
+        let wishes = Wishes { materials: Some(2), lobe: Some(&Ward), colour: Some(Colour::Coloured), gains: None };
+        let gains = taken(&observations, wishes).gains.unwrap_or_default();
+        assert!(gains.len() == 7 && (gains[3] / gains[2] - 1.08).abs() < 0.01, "{gains:?}");
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Mixture;
 use super::initialise::initialise;
+use super::kernel::Sign;
 use super::objective::Objective;
 use super::observations::Observations;
 use super::unknowns::Colour;
@@ -51,6 +52,8 @@ pub struct Solution {
     pub iterations: usize,
     /// Why it ended.
     pub termination: Termination,
+    /// Constraint of the weights while the BRDF parameters were found.
+    pub sign: Sign,
     /// What a reader must know of how it was found: a refit refused, normals that moved.
     pub notes: Vec<String>,
 }

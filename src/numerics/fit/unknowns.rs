@@ -22,6 +22,11 @@ impl Colour {
     pub const ALL: [(&'static str, Self); 3] =
         [("none", Self::None), ("achromatic", Self::Achromatic), ("coloured", Self::Coloured)];
 
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::ALL[self as usize].0
+    }
+
     /// Unknowns of a material, one of them the gauge.
     pub fn unknowns(self) -> usize {
         match self {
@@ -37,7 +42,6 @@ impl Colour {
 pub struct Unknowns {
     place: Vec<Option<usize>>,
     start: Vec<Material>,
-    colour: Colour,
     count: usize,
 }
 
@@ -76,7 +80,7 @@ impl Unknowns {
                 Colour::Coloured => {}
             }
         }
-        Self { place, start, colour, count }
+        Self { place, start, count }
     }
 
     /// The starting values.
@@ -150,9 +154,17 @@ impl Unknowns {
         self.place[m * PER_MATERIAL + k]
     }
 
-    /// How much of a lobe is fitted.
-    pub fn colour(&self) -> Colour {
-        self.colour
+    /// Number of unknowns.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// True for the unknowns that start at a bound: they do not move with the data.
+    pub fn at_bound(&self) -> Vec<bool> {
+        let (x, bounds) = (self.pack(), self.bounds());
+        // No bound is an infinite one, and everything would be near that.
+        let near = |a: f64, b: f64| b.is_finite() && (a - b).abs() <= 1e-6 * b.abs();
+        (0..self.count).map(|i| near(x[i], bounds.lower[i]) || near(x[i], bounds.upper[i])).collect()
     }
 }
 

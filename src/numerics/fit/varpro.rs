@@ -30,9 +30,10 @@ const COARSE: (usize, usize) = (384, 3000);
 /// Points the free weights are judged on by left-out lights.
 const JUDGED: usize = 800;
 
-/// When the first search, those without a light, and the last one stop.
-const COARSE_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 40 };
-pub(super) const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 6 };
+/// When the first search, the second, those without a light, and the last one stop.
+const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
+const MEDIUM_STOP: Stop = Stop { relative_decrease: 1e-5, iterations: 40 };
+pub(super) const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
 const FINE_STOP: Stop = Stop { relative_decrease: 1e-9, iterations: 200 };
 
 /// Where a search over BRDF parameters ended.
@@ -150,7 +151,7 @@ fn solve(observations: &Observations, task: &Task, extent: Extent, progress: OnI
 
 /// What the samples of a task are made ready with.
 pub fn recipe<'a>(task: &'a Task, observations: &Observations) -> Recipe<'a> {
-    Recipe { lobe: task.lobe, objective: task.objective, gains: None, brightness: brightness(observations) }
+    Recipe { lobe: task.lobe, objective: task.objective, brightness: brightness(observations) }
 }
 
 /// BRDF parameters and how they were found.
@@ -179,16 +180,16 @@ pub fn fit_alpha(observations: &Observations, task: &Task, recipe: &Recipe<'_>, 
         cancelled |= progress(iterations, next.cost).is_break();
         next
     };
-    if observations.points() > 2 * COARSE.1 {
-        found = stage(&Prepared::new(&some, recipe), &found, Sign::NonNegative, COARSE_STOP);
+    let large = observations.points() > 2 * COARSE.1;
+    let medium = large.then(|| Prepared::new(&some, recipe));
+    if let Some(medium) = &medium {
+        found = stage(medium, &found, Sign::NonNegative, MEDIUM_STOP);
     }
-    let prepared = Prepared::new(observations, recipe);
     let mut sign = Sign::NonNegative;
     let mut notes = Vec::new();
     // A single material's weights are never negative: there is nothing to free.
     if task.materials > 1 {
-        let judge = some.subset(JUDGED);
-        if free_weights_predict_better(&judge, recipe, &found.materials, task.colour) {
+        if free_weights_predict_better(&some.subset(JUDGED), recipe, &found.materials, task.colour) {
             sign = Sign::Free;
         } else {
             notes.push(
@@ -197,7 +198,10 @@ pub fn fit_alpha(observations: &Observations, task: &Task, recipe: &Recipe<'_>, 
             );
         }
     }
-    found = stage(&prepared, &found, sign, FINE_STOP);
+    if let (Some(medium), Sign::Free) = (&medium, sign) {
+        found = stage(medium, &found, sign, MEDIUM_STOP);
+    }
+    found = stage(&Prepared::new(observations, recipe), &found, sign, FINE_STOP);
     found.iterations = iterations;
     AlphaFit { found, sign, cancelled, notes }
 }
@@ -230,7 +234,7 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
         (false, true) => Termination::Converged,
         (false, false) => Termination::IterationLimit,
     };
-    Solution { mixture, cost, iterations: alpha.found.iterations, termination, notes: alpha.notes }
+    Solution { mixture, cost, iterations: alpha.found.iterations, termination, sign: alpha.sign, notes: alpha.notes }
 }
 
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points

@@ -1,6 +1,7 @@
 //! The paper's solver (3.6): weights of every point for fixed BRDF parameters, then BRDF parameters for fixed weights,
 //! in turn until nothing more is gained.
 
+use super::kernel::Sign;
 use super::levmar::Stop;
 use super::objective::Objective;
 use super::observations::Observations;
@@ -80,7 +81,7 @@ pub fn solve(
         gauge::normalise(&mut mixture);
     }
     let cost = alpha::cost(lobe, &mixture, options.objective, observations);
-    Solution { mixture, cost, iterations, termination, notes: Vec::new() }
+    Solution { mixture, cost, iterations, termination, sign: Sign::NonNegative, notes: Vec::new() }
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! dataset.toml as written, before any check.
 
+use super::object::RawObject;
 use super::radiance_name;
-use crate::numerics::geometry::{Projection, Sphere, Vec3};
+use crate::numerics::geometry::Projection;
 use serde::{Deserialize, Serialize};
 
 #[derive(Serialize, Deserialize)]
@@ -37,36 +38,6 @@ pub(super) struct RawCamera {
 pub(super) enum RawProjection {
     Pinhole,
     Orthographic,
-}
-
-#[derive(Clone, Copy, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum RawShape {
-    Sphere,
-    Cylinder,
-    Normals,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct RawObject {
-    pub shape: RawShape,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub center_mm: Option<[f64; 3]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub radius_mm: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub center_px: Option<[f64; 2]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub radius_px: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mask: Option<String>,
-    #[serde(skip_serializing)]
-    axis_start_mm: Option<[f64; 3]>,
-    #[serde(skip_serializing)]
-    axis_end_mm: Option<[f64; 3]>,
-    #[serde(skip_serializing)]
-    normals: Option<String>,
 }
 
 #[derive(Default, Serialize, Deserialize)]
@@ -107,17 +78,7 @@ impl RawDataset {
                 distortion: Some(camera.distortion),
                 mm_per_px: None,
             },
-            object: RawObject {
-                shape: RawShape::Sphere,
-                center_mm: Some(rig.object.center_mm),
-                radius_mm: Some(rig.object.radius_mm),
-                center_px: None,
-                radius_px: None,
-                mask: None,
-                axis_start_mm: None,
-                axis_end_mm: None,
-                normals: None,
-            },
+            object: RawObject::sphere(rig.object.center_mm, rig.object.radius_mm),
             samples: RawSamples { saturation: None, cosine_cutoff: Some(rig.fit.cosine_cutoff) },
             light: light_positions_mm
                 .iter()
@@ -166,65 +127,8 @@ impl RawDataset {
             }
         }
     }
-
-    pub fn sphere(&self, projection: &Projection, reasons: &mut Vec<String>) -> Sphere {
-        let nowhere = Sphere { center: Vec3::z(), radius: 0.0 };
-        let object = &self.object;
-        let kind = match object.shape {
-            RawShape::Sphere => None,
-            RawShape::Cylinder => Some("cylinder"),
-            RawShape::Normals => Some("normals"),
-        };
-        if let Some(kind) = kind {
-            reasons.push(format!("[object] shape = \"{kind}\" is not available in this version: only \"sphere\" is"));
-            return nowhere;
-        }
-        if object.axis_start_mm.is_some() || object.axis_end_mm.is_some() || object.normals.is_some() {
-            reasons.push("[object] axis_start_mm, axis_end_mm and normals do not belong to a sphere".to_owned());
-        }
-        match projection {
-            Projection::Pinhole { .. } => self.sphere_mm(reasons),
-            Projection::Orthographic { mm_per_px } => self.sphere_px(*mm_per_px, reasons),
-        }
-        .unwrap_or(nowhere)
-    }
-
-    fn sphere_mm(&self, reasons: &mut Vec<String>) -> Option<Sphere> {
-        let object = &self.object;
-        let (Some(center), Some(radius)) = (object.center_mm, object.radius_mm) else {
-            reasons.push("[object] a sphere before a pinhole camera needs center_mm and radius_mm".to_owned());
-            return None;
-        };
-        if object.center_px.is_some() || object.radius_px.is_some() {
-            reasons.push("[object] center_px and radius_px belong to an orthographic camera".to_owned());
-        }
-        let finite = center.iter().all(|v| v.is_finite());
-        if !finite || !positive(radius) || center[2] <= radius {
-            reasons.push(format!(
-                "[object] center_mm = {center:?}, radius_mm = {radius}: the sphere must lie wholly in front of the camera (z > radius > 0)"
-            ));
-        }
-        Some(Sphere { center: Vec3::from(center), radius })
-    }
-
-    fn sphere_px(&self, mm_per_px: f64, reasons: &mut Vec<String>) -> Option<Sphere> {
-        let object = &self.object;
-        let (Some(center), Some(radius)) = (object.center_px, object.radius_px) else {
-            reasons.push("[object] a sphere before an orthographic camera needs center_px and radius_px".to_owned());
-            return None;
-        };
-        if object.center_mm.is_some() || object.radius_mm.is_some() {
-            reasons.push("[object] center_mm and radius_mm belong to a pinhole camera".to_owned());
-        }
-        if !center.iter().all(|v| v.is_finite()) || !positive(radius) {
-            reasons.push(format!("[object] center_px = {center:?}, radius_px = {radius}: radius_px must be positive"));
-        }
-        // Depth does not matter to parallel rays; the centre is put at z = 0.
-        let center = Vec3::new(center[0] * mm_per_px, center[1] * mm_per_px, 0.0);
-        Some(Sphere { center, radius: radius * mm_per_px })
-    }
 }
 
-fn positive(value: f64) -> bool {
+pub(super) fn positive(value: f64) -> bool {
     value.is_finite() && value > 0.0
 }
