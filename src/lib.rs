@@ -9,3 +9,4 @@ pub mod pipeline;
 pub mod session;
 pub mod sim;
 pub mod store;
+pub mod study;

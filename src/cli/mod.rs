@@ -9,3 +9,4 @@ pub mod relight;
 pub mod serve;
 pub mod session;
 pub mod simulate;
+pub mod study;

@@ -145,9 +145,7 @@ fn run(
         .ok_or_else(|| FitError::Input(no_samples(dataset, chosen, &all)))?;
     let left_out =
         judge_left_out(task.lobe, &solution.mixture, &all, &kept, |light| options.leave_out.contains(&light));
-    let free_weights = solution.mixture.gamma.iter().filter(|&&g| g > 0.0).count();
-    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
-    let reduced_chi2 = quality.chi2 / (3 * fitted.samples()).saturating_sub(unknowns).max(1) as f64;
+    let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
     let evidence = Evidence {
         converged: solution.termination == Termination::Converged,
         superfluous: superfluous(&candidates),
@@ -257,29 +255,27 @@ fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String 
     )
 }
 
-fn warnings(
-    solution: &Solution,
-    observations: &Observations,
-    evidence: &Evidence,
-    candidates: &[Candidate],
-) -> Vec<String> {
+/// Chi^2 over degrees of freedom, for a mixture that was asked for by `task` and leaves `chi2`.
+pub fn reduced_chi2(task: &Task, mixture: &Mixture, observations: &Observations, chi2: f64) -> f64 {
+    let free_weights = mixture.gamma.iter().filter(|&&g| g > 0.0).count();
+    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
+    chi2 / (3 * observations.samples()).saturating_sub(unknowns).max(1) as f64
+}
+
+/// What a reader must be warned of, whatever else was tried.
+pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi2: f64) -> Vec<String> {
     let mut warnings = solution.notes.clone();
-    if !evidence.converged {
+    if solution.termination != Termination::Converged {
         warnings.push(format!(
             "the solver was still gaining after {} iterations: the decomposition is not determined, or the parameters are off by more than their standard errors",
             solution.iterations
         ));
     }
-    if evidence.reduced_chi2 > MISFIT {
+    if reduced_chi2 > MISFIT {
         warnings.push(format!(
             "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off",
-            evidence.reduced_chi2.sqrt()
+            reduced_chi2.sqrt()
         ));
-    }
-    if evidence.superfluous {
-        warnings.push(
-            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
-        );
     }
     if observations.unusable > 0 {
         warnings.push(format!(
@@ -289,6 +285,21 @@ fn warnings(
     }
     if observations.lights < 3 {
         warnings.push("fewer than three lights: the materials are not determined".to_owned());
+    }
+    warnings
+}
+
+fn warnings(
+    solution: &Solution,
+    observations: &Observations,
+    evidence: &Evidence,
+    candidates: &[Candidate],
+) -> Vec<String> {
+    let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
+    if evidence.superfluous {
+        warnings.push(
+            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
+        );
     }
     if candidates.iter().all(|c| c.left_out.is_none()) {
         warnings.push(

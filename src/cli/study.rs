@@ -1,0 +1,130 @@
+//! `rigd study`: how fast, how accurate and how stable the solvers are.
+
+use super::error::bad_input;
+use crate::numerics::fit::objective::Objective;
+use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::quality::judge_all;
+use crate::numerics::fit::solver::{Solution, Task};
+use crate::pipeline::fit::{FitOptions, fit, reduced_chi2, warnings_of};
+use crate::store::dataset;
+use crate::study::speed::{self, Photographs};
+use crate::study::stability;
+use anyhow::Context;
+use indicatif::ProgressBar;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// Which study.
+#[derive(clap::Subcommand)]
+pub enum Study {
+    /// Processor seconds of one thread against accuracy: every solver, objective and size of subset.
+    ///
+    /// Writes speed.csv, speed.svg and speed.png. The error is that of noise-free radiance under four lights the fit never
+    /// saw, in percent; for photographs, that on lights left out of the fit in turn. The short form (2 scenes of 3 000
+    /// points, 2 seeds) takes less than a minute, --long (13 067 and 10 997 points, 8 seeds) about ten minutes. Run nothing
+    /// else meanwhile: times are of one thread, but memory is shared.
+    Speed(SpeedArgs),
+    /// What each solver makes of clipping, noise, outliers, few lights, wrong positions, alike materials and other trouble.
+    ///
+    /// Writes stability.csv and the heat maps stability-relight and stability-failures (svg, png): median relight error in
+    /// percent, and percent of seeds that failed. Scenes have about 1 500 points. The short form (the hardest level of each
+    /// regime, 2 seeds) takes less than a minute of processor time, --long (every level, 20 seeds) less than 25 minutes on two
+    /// cores. The same seeds give the same table at any number of threads.
+    Stability(StabilityArgs),
+}
+
+/// Arguments of `rigd study speed`.
+#[derive(clap::Args)]
+pub struct SpeedArgs {
+    /// Directory for table and chart; made if missing.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Seeds a scene; default: 2, with --long 8.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: Option<u64>,
+    /// Scenes of full size, more subsets, the paper's alternation to its end.
+    #[arg(long)]
+    pub long: bool,
+    /// Also fit this dataset directory, with up to four of its lights left out in turn.
+    #[arg(long, value_name = "DATASET")]
+    pub photographs: Option<PathBuf>,
+}
+
+/// Arguments of `rigd study stability`.
+#[derive(clap::Args)]
+pub struct StabilityArgs {
+    /// Directory for table and charts; made if missing.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Seeds a level; default: 2, with --long 20.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub seeds: Option<u64>,
+    /// Every level of every regime, the paper's alternation to its end.
+    #[arg(long)]
+    pub long: bool,
+}
+
+/// Runs a study.
+pub fn run(study: &Study) -> anyhow::Result<()> {
+    match study {
+        Study::Speed(args) => run_speed(args),
+        Study::Stability(args) => run_stability(args),
+    }
+}
+
+fn run_speed(args: &SpeedArgs) -> anyhow::Result<()> {
+    let mut plan = if args.long { speed::Plan::long() } else { speed::Plan::short() };
+    plan.seeds = args.seeds.unwrap_or(plan.seeds);
+    plan.photographs = args.photographs.as_deref().map(photographs).transpose()?;
+    make(&args.out)?;
+    let bar = ProgressBar::new(0);
+    let measured = speed::run(&plan, &mut |done, total| show(&bar, done, total))?;
+    bar.finish_and_clear();
+    speed::write(&args.out, &measured)?;
+    super::error::print_line(format_args!("speed.csv, speed.svg, speed.png in {}", args.out.display()))?;
+    Ok(())
+}
+
+fn run_stability(args: &StabilityArgs) -> anyhow::Result<()> {
+    let objective = Objective::by_name(&FitOptions::default().objective).context("the default objective")?;
+    let plan = stability::Plan {
+        rows: stability::rows(args.long),
+        columns: stability::columns(objective, args.long),
+        seeds: args.seeds.unwrap_or(if args.long { 20 } else { 2 }),
+        warnings: &warnings,
+    };
+    make(&args.out)?;
+    let bar = ProgressBar::new(0);
+    let cells = stability::run(&plan, &|done, total| show(&bar, done, total));
+    bar.finish_and_clear();
+    stability::write(&args.out, &plan, &cells)?;
+    let names = "stability.csv, stability-relight and stability-failures (svg, png)";
+    super::error::print_line(format_args!("{names} in {}", args.out.display()))?;
+    Ok(())
+}
+
+fn make(directory: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(directory)
+        .with_context(|| format!("{}: give a directory that can be made", directory.display()))
+}
+
+fn show(bar: &ProgressBar, done: usize, total: usize) {
+    bar.set_length(total as u64);
+    bar.set_position(done as u64);
+}
+
+/// What the report of a fit would warn of.
+fn warnings(observations: &Observations, task: &Task, solution: &Solution) -> Vec<String> {
+    let quality = judge_all(task.lobe, &solution.mixture, observations);
+    let chi2 = quality.map_or(f64::INFINITY, |q| reduced_chi2(task, &solution.mixture, observations, q.chi2));
+    warnings_of(solution, observations, chi2)
+}
+
+/// The samples of a dataset, and how many materials `rigd fit` finds in it.
+fn photographs(directory: &Path) -> anyhow::Result<Photographs> {
+    let data = dataset::read(directory).map_err(bad_input)?;
+    let fitted = fit(&data, &FitOptions::default(), &mut |_| ControlFlow::Continue(()))
+        .map_err(|error| bad_input(format!("{}: {error}", directory.display())))?;
+    let name = directory.file_name().map_or("photographs".into(), |name| name.to_string_lossy().into_owned());
+    Ok(Photographs { name, observations: fitted.observations, materials: fitted.report.materials })
+}

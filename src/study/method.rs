@@ -1,0 +1,73 @@
+//! A way to fit: solver, objective, and when to stop.
+
+use crate::numerics::brdf::{Lobe, ward::Ward};
+use crate::numerics::fit::objective::Objective;
+use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::solver::{SOLVERS, Solution, Solver, Task};
+use crate::numerics::fit::unknowns::Colour;
+use crate::numerics::fit::varpro::Subset;
+use crate::numerics::fit::weights::WeightRule;
+use std::ops::ControlFlow;
+
+/// Model of every fit here.
+pub const LOBE: &dyn Lobe = &Ward;
+
+/// Rounds after which Zheng 2008 calls its alternation converged.
+const PAPER_ROUNDS: usize = 10;
+
+/// A way to fit.
+#[derive(Clone, Copy)]
+pub struct Method {
+    /// Solver.
+    pub solver: &'static dyn Solver,
+    /// What is minimised.
+    pub objective: Objective,
+    /// Points that settle the materials; none where all do.
+    pub points: Option<usize>,
+    /// Outer iterations after which the solver is stopped; none lets it end by itself.
+    pub rounds: Option<usize>,
+}
+
+impl Method {
+    /// Every solver with one objective: the one that fits a subset in each of the sizes `subsets`, the paper's alternation as
+    /// its authors stopped it, and to the end (up to 300 rounds) when `to_the_end`.
+    pub fn all(objective: Objective, subsets: &'static [Subset], to_the_end: bool) -> Vec<Self> {
+        let mut all = Vec::new();
+        for &solver in SOLVERS {
+            let method = Self { solver, objective, points: None, rounds: None };
+            match solver.name() {
+                "subset" => all.extend(subsets.iter().map(|s| Self { solver: s, points: Some(s.0), ..method })),
+                "zheng2008" => {
+                    all.push(Self { rounds: Some(PAPER_ROUNDS), ..method });
+                    all.extend(to_the_end.then_some(method));
+                }
+                _ => all.push(method),
+            }
+        }
+        all
+    }
+
+    /// Solver, and its rounds where they are limited.
+    pub fn solver_label(&self) -> String {
+        let rounds = self.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
+        format!("{}{rounds}", self.solver.name())
+    }
+
+    /// What the solver is asked for.
+    pub fn task(&self, materials: usize) -> Task {
+        let (objective, colour, rule) = (self.objective, Colour::Coloured, WeightRule::Exact);
+        Task { lobe: LOBE, objective, materials, colour, rule }
+    }
+
+    /// Fits.
+    pub fn solve(&self, observations: &Observations, materials: usize) -> Solution {
+        let mut stop = |round, _| {
+            if self.rounds.is_some_and(|limit| round >= limit) {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        self.solver.solve(observations, &self.task(materials), &mut stop)
+    }
+}
