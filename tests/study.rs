@@ -6,7 +6,7 @@ use rigd::numerics::fit::Mixture;
 use rigd::numerics::fit::kernel::Sign;
 use rigd::numerics::fit::objective::Objective;
 use rigd::numerics::fit::observations::{Observations, Sample};
-use rigd::numerics::fit::solver::{OnIteration, Solution, Solver, Task, Termination};
+use rigd::numerics::fit::solver::{OnIteration, Refusal, Solution, Solver, Task, Termination};
 use rigd::numerics::fit::varpro::Subset;
 use rigd::study::forward::{Reflectance, TrueMaterial, reflect};
 use rigd::study::method::Method;
@@ -190,21 +190,29 @@ impl Solver for Broken {
         "broken"
     }
 
-    fn solve(&self, observations: &Observations, task: &Task, _: OnIteration<'_>) -> Solution {
+    fn solve(&self, observations: &Observations, task: &Task, _: OnIteration<'_>) -> Result<Solution, Refusal> {
         let material = Material { rho_d: [self.rho_d; 3], rho_s: [0.0; 3], beta: 0.1 };
         let mixture = Mixture {
             materials: vec![material; task.materials],
             gamma: vec![self.gamma; observations.points() * task.materials],
         };
         let termination = Termination::Converged;
-        Solution { mixture, cost: 0.0, iterations: 1, termination, sign: Sign::NonNegative, notes: Vec::new() }
+        Ok(Solution {
+            mixture,
+            cost: 0.0,
+            iterations: 1,
+            termination,
+            sign: Sign::NonNegative,
+            tilts: None,
+            notes: Vec::new(),
+        })
     }
 }
 
 static SUBSETS: [Subset; 1] = [Subset(60)];
 
 fn method(solver: &'static dyn Solver) -> Method {
-    Method { solver, objective: Objective::RELATIVE, points: None, rounds: None }
+    Method { solver, objective: Objective::RELATIVE, points: None, automatic: false, rounds: None }
 }
 
 static NOT_A_NUMBER: Broken = Broken { rho_d: f64::NAN, gamma: 0.5 };

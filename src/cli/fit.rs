@@ -189,6 +189,9 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
             candidate.reason
         )?;
     }
+    for note in &report.notes {
+        writeln!(out, "note: {note}")?;
+    }
     for warning in &report.warnings {
         writeln!(out, "warning: {warning}")?;
     }

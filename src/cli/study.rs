@@ -5,7 +5,8 @@ use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::judge_all;
 use crate::numerics::fit::solver::{Solution, Task};
-use crate::pipeline::fit::{FitOptions, fit, reduced_chi2, warnings_of};
+use crate::pipeline::fit::{FitOptions, fit, observe};
+use crate::pipeline::judged::{reduced_chi2, warnings_of};
 use crate::store::dataset;
 use crate::study::speed::{self, Photographs};
 use crate::study::stability;
@@ -126,5 +127,9 @@ fn photographs(directory: &Path) -> anyhow::Result<Photographs> {
     let fitted = fit(&data, &FitOptions::default(), &mut |_| ControlFlow::Continue(()))
         .map_err(|error| bad_input(format!("{}: {error}", directory.display())))?;
     let name = directory.file_name().map_or("photographs".into(), |name| name.to_string_lossy().into_owned());
-    Ok(Photographs { name, observations: fitted.observations, materials: fitted.report.materials })
+    Ok(Photographs {
+        name,
+        observations: observe(&data, data.geometry.cosine_cutoff, true),
+        materials: fitted.report.materials,
+    })
 }

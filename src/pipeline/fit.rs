@@ -1,25 +1,21 @@
 //! Fits a material to a dataset and says how good it is.
 
 use super::dataset::Dataset;
-use super::identify::{self, Evidence, MISFIT};
+use super::judged::judge;
 use super::options::Chosen;
 pub use super::options::FitOptions;
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
+use crate::numerics::fit::Mixture;
 use crate::numerics::fit::directions::Tilt;
 use crate::numerics::fit::observations::{Observations, Scene};
-use crate::numerics::fit::quality::{judge_all, judge_left_out};
-use crate::numerics::fit::selection::{Candidate, select};
-use crate::numerics::fit::solver::{Solution, Task, Termination};
-use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
-use crate::numerics::fit::{Mixture, gauge, varpro};
+use crate::numerics::fit::quality::judge_left_out;
+use crate::numerics::fit::solver::Termination;
+use crate::numerics::fit::uncertainty::Uncertainty;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// A point needs this many samples, or as many as there are lights if those are fewer.
 const LEAST_SAMPLES: usize = 3;
-
-/// A material is a ghost when left-out lights are predicted within this part as well without it.
-const SUPERFLUOUS: f64 = 0.002;
 
 /// Progress of a fit: outer iteration and cost.
 #[derive(Clone, Copy, Debug)]
@@ -81,17 +77,18 @@ pub fn cpu_seconds() -> f64 {
     clock.map_or(0.0, |time| std::time::Duration::from(time).as_secs_f64())
 }
 
-fn observe(dataset: &Dataset, chosen: &Chosen) -> Observations {
+/// The samples of a dataset with cosines above `cutoff`, with the azimuths of their lights where `azimuths` is true.
+pub fn observe(dataset: &Dataset, cutoff: f64, azimuths: bool) -> Observations {
     let geometry = &dataset.geometry;
     let scene = Scene {
         projection: &geometry.projection,
         object: &geometry.object,
         mask: geometry.mask.as_ref(),
         lights: geometry.lights.iter().map(|l| &l.light).zip(&dataset.images).collect(),
-        cosine_cutoff: chosen.cutoff,
+        cosine_cutoff: cutoff,
     };
     let mut observations = Observations::gather(&scene, geometry.width, geometry.height);
-    if chosen.solver.needs_azimuths() {
+    if azimuths {
         observations.gather_azimuths(&scene, geometry.width);
     }
     observations
@@ -105,7 +102,7 @@ fn run(
 ) -> Result<FitResult, FitError> {
     let begin = Instant::now();
     let cpu_begin = cpu_seconds();
-    let all = observe(dataset, chosen);
+    let all = observe(dataset, chosen.cutoff, chosen.solver.needs_azimuths());
     let used_lights = (0..dataset.geometry.lights.len()).filter(|light| !options.leave_out.contains(light)).count();
     let (observations, kept) =
         all.filtered(LEAST_SAMPLES.min(used_lights), |light| !options.leave_out.contains(&light));
@@ -114,83 +111,54 @@ fn run(
     }
     let observed = Instant::now();
 
-    let candidates = choose(&observations, chosen, progress)?;
-    let taken = candidates.iter().find(|c| c.taken).ok_or(FitError::Cancelled)?;
-    let gained = taken.gains.as_ref().map(|gains| observations.with_gains(gains));
-    let fitted = gained.as_ref().unwrap_or(&observations);
-    let initialised = Instant::now();
-
-    let task = Task {
-        lobe: taken.lobe,
-        objective: chosen.objective,
-        materials: taken.materials,
-        rule: chosen.rule,
-        colour: taken.colour,
-    };
-    let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
-    let mut solution = chosen
-        .solver
-        .solve(fitted, &task, &mut report_progress)
-        .map_err(|refusal| FitError::Input(refusal.to_string()))?;
-    if solution.termination == Termination::Cancelled {
-        return Err(FitError::Cancelled);
-    }
-    gauge::normalise(&mut solution.mixture);
-    // What follows judges the fit about the normals it used.
-    let turned = solution.tilts.as_ref().map(|tilts| turned(&all, fitted, &kept, tilts));
-    let (all, fitted) = turned.as_ref().map_or((&all, fitted), |(all, fitted)| (all, fitted));
-    let recipe = varpro::recipe(&task, fitted);
-    let errors = uncertainty(&recipe, &solution.mixture, task.colour, solution.sign, fitted);
-    let quality = judge_all(task.lobe, &solution.mixture, fitted)
-        .ok_or_else(|| FitError::Input(no_samples(dataset, chosen, &all)))?;
-    let left_out =
-        judge_left_out(task.lobe, &solution.mixture, &all, &kept, |light| options.leave_out.contains(&light));
-    let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
-    let evidence = Evidence {
-        converged: solution.termination == Termination::Converged,
-        superfluous: superfluous(&candidates),
-        reduced_chi2,
-    };
-    let materials = identify::describe(&task, &solution.mixture, &errors, fitted, &evidence);
+    let judged = judge(&observations, chosen, progress)?;
+    let mixture = &judged.solution.mixture;
+    let turned = judged.solution.tilts.as_ref().map(|tilts| turned(&all, &kept, tilts));
+    let seen = turned.as_ref().unwrap_or(&all);
+    let left_out = judge_left_out(judged.task.lobe, mixture, seen, &kept, |light| options.leave_out.contains(&light));
     let done = Instant::now();
 
     let report = Report {
         pixels: observations.points(),
         samples: observations.samples(),
-        materials: task.materials,
-        model: task.lobe.name().to_owned(),
-        lobe: task.colour.name().to_owned(),
-        light_gains: taken.gains.clone(),
+        materials: judged.task.materials,
+        model: judged.task.lobe.name().to_owned(),
+        lobe: judged.task.colour.name().to_owned(),
+        light_gains: judged.taken().and_then(|taken| taken.gains.clone()),
         solver: options.solver.clone(),
         weights: options.weights.clone(),
         objective: options.objective.clone(),
-        mean_relative_error: quality.mean_relative_error,
-        highlight_relative_error: quality.highlight_relative_error,
+        mean_relative_error: judged.quality.mean_relative_error,
+        highlight_relative_error: judged.quality.highlight_relative_error,
         left_out_relative_error: left_out.map(|q| q.mean_relative_error),
         left_out_highlight_relative_error: left_out.and_then(|q| q.highlight_relative_error),
         left_out: options.leave_out.clone(),
-        cost: solution.cost,
-        reduced_chi2,
-        iterations: solution.iterations,
-        termination: if evidence.converged { "converged".to_owned() } else { "iteration limit".to_owned() },
+        cost: judged.solution.cost,
+        reduced_chi2: judged.reduced_chi2,
+        iterations: judged.solution.iterations,
+        termination: match judged.solution.termination {
+            Termination::Converged => "converged".to_owned(),
+            Termination::IterationLimit | Termination::Cancelled => "iteration limit".to_owned(),
+        },
         seconds: Seconds {
             load: 0.0,
             observe: (observed - begin).as_secs_f64(),
-            initialise: (initialised - observed).as_secs_f64(),
-            fit: (done - initialised).as_secs_f64(),
+            initialise: judged.choosing_s,
+            fit: (done - observed).as_secs_f64() - judged.choosing_s,
             total: (done - begin).as_secs_f64(),
         },
         cpu_seconds: cpu_seconds() - cpu_begin,
         cosine_cutoff: chosen.cutoff,
         unusable_samples: observations.unusable,
-        candidates: candidates.iter().map(CandidateReport::from).collect(),
-        warnings: warnings(&solution, &observations, &evidence, &candidates),
+        candidates: judged.candidates.iter().map(CandidateReport::from).collect(),
+        warnings: judged.warnings.clone(),
+        notes: judged.solution.notes.clone(),
     };
     let material = MaterialFile {
         format: 1,
-        model: task.lobe.name().to_owned(),
+        model: judged.task.lobe.name().to_owned(),
         gauge: GAUGE.to_owned(),
-        materials,
+        materials: judged.materials.clone(),
         size: [dataset.geometry.width, dataset.geometry.height],
         provenance: Provenance {
             software: concat!("rigd ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -199,39 +167,23 @@ fn run(
         },
     };
     let size = material.size;
-    Ok(FitResult { report, material, observations, mixture: solution.mixture, uncertainty: errors, size })
+    Ok(FitResult {
+        report,
+        material,
+        observations: judged.changed.unwrap_or(observations),
+        mixture: judged.solution.mixture,
+        uncertainty: judged.uncertainty,
+        size,
+    })
 }
 
-/// All observations about the normals refined for those of them that were `kept`; and the kept ones.
-fn turned(
-    all: &Observations,
-    observations: &Observations,
-    kept: &[usize],
-    tilts: &[Tilt],
-) -> (Observations, Observations) {
+/// All observations about the normals refined for those of them that were `kept`.
+fn turned(all: &Observations, kept: &[usize], tilts: &[Tilt]) -> Observations {
     let mut everywhere = vec![[0.0; 2]; all.points()];
     for (&point, &tilt) in kept.iter().zip(tilts) {
         everywhere[point] = tilt;
     }
-    (all.turned(&everywhere), observations.turned(tilts))
-}
-
-/// What left-out lights decide of the number of materials, the model, its lobe and the light gains.
-fn choose(observations: &Observations, chosen: &Chosen, progress: OnProgress<'_>) -> Result<Vec<Candidate>, FitError> {
-    let mut go_on = || progress(FitProgress { iteration: 0, cost: f64::NAN });
-    let candidates = select(observations, chosen.objective, chosen.wishes, &mut go_on);
-    if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
-}
-
-/// True when left-out lights are predicted as well with one material fewer.
-fn superfluous(candidates: &[Candidate]) -> bool {
-    let error = |c: &Candidate| c.left_out.map(|errors| errors.overall);
-    let taken = candidates.iter().find(|c| c.taken);
-    taken.is_some_and(|taken| {
-        let fewer =
-            candidates.iter().find(|c| c.materials + 1 == taken.materials && c.lobe.name() == taken.lobe.name());
-        fewer.and_then(error).zip(error(taken)).is_some_and(|(fewer, taken)| fewer <= taken * (1.0 + SUPERFLUOUS))
-    })
+    all.turned(&everywhere)
 }
 
 /// Why nothing is left to fit.
@@ -253,58 +205,4 @@ fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String 
         LEAST_SAMPLES.min(dataset.geometry.lights.len()),
         dataset.geometry.lights.len()
     )
-}
-
-/// Chi^2 over degrees of freedom, for a mixture that was asked for by `task` and leaves `chi2`.
-pub fn reduced_chi2(task: &Task, mixture: &Mixture, observations: &Observations, chi2: f64) -> f64 {
-    let free_weights = mixture.gamma.iter().filter(|&&g| g > 0.0).count();
-    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
-    chi2 / (3 * observations.samples()).saturating_sub(unknowns).max(1) as f64
-}
-
-/// What a reader must be warned of, whatever else was tried.
-pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi2: f64) -> Vec<String> {
-    let mut warnings = solution.notes.clone();
-    if solution.termination != Termination::Converged {
-        warnings.push(format!(
-            "the solver was still gaining after {} iterations: the decomposition is not determined, or the parameters are off by more than their standard errors",
-            solution.iterations
-        ));
-    }
-    if reduced_chi2 > MISFIT {
-        warnings.push(format!(
-            "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off",
-            reduced_chi2.sqrt()
-        ));
-    }
-    if observations.unusable > 0 {
-        warnings.push(format!(
-            "{} lit samples were not used (clipped, too dark or masked), {} of them in highlights",
-            observations.unusable, observations.unusable_highlight
-        ));
-    }
-    if observations.lights < 3 {
-        warnings.push("fewer than three lights: the materials are not determined".to_owned());
-    }
-    warnings
-}
-
-fn warnings(
-    solution: &Solution,
-    observations: &Observations,
-    evidence: &Evidence,
-    candidates: &[Candidate],
-) -> Vec<String> {
-    let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
-    if evidence.superfluous {
-        warnings.push(
-            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
-        );
-    }
-    if candidates.iter().all(|c| c.left_out.is_none()) {
-        warnings.push(
-            "too few lights to leave one out: nothing tells whether the model is more than the scene needs".to_owned(),
-        );
-    }
-    warnings
 }

@@ -109,6 +109,8 @@ pub struct Report {
     pub candidates: Vec<CandidateReport>,
     /// What a reader must know before trusting the figures.
     pub warnings: Vec<String>,
+    /// How the solver went about it, where that is worth knowing.
+    pub notes: Vec<String>,
 }
 
 impl Report {

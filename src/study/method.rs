@@ -3,9 +3,9 @@
 use crate::numerics::brdf::{Lobe, ward::Ward};
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
-use crate::numerics::fit::solver::{SOLVERS, Solution, Solver, Task};
+use crate::numerics::fit::solver::{Refusal, SOLVERS, Solution, Solver, Task};
 use crate::numerics::fit::unknowns::Colour;
-use crate::numerics::fit::varpro::Subset;
+use crate::numerics::fit::varpro::{Subset, Varpro};
 use crate::numerics::fit::weights::WeightRule;
 use std::ops::ControlFlow;
 
@@ -24,6 +24,8 @@ pub struct Method {
     pub objective: Objective,
     /// Points that settle the materials; none where all do.
     pub points: Option<usize>,
+    /// True: number of materials, model, lobe and light gains are left to the data.
+    pub automatic: bool,
     /// Outer iterations after which the solver is stopped; none lets it end by itself.
     pub rounds: Option<usize>,
 }
@@ -34,7 +36,7 @@ impl Method {
     pub fn all(objective: Objective, subsets: &'static [Subset], to_the_end: bool) -> Vec<Self> {
         let mut all = Vec::new();
         for &solver in SOLVERS {
-            let method = Self { solver, objective, points: None, rounds: None };
+            let method = Self { solver, objective, points: None, automatic: false, rounds: None };
             match solver.name() {
                 "subset" => all.extend(subsets.iter().map(|s| Self { solver: s, points: Some(s.0), ..method })),
                 "zheng2008" => {
@@ -47,8 +49,16 @@ impl Method {
         all
     }
 
+    /// What a fit does unless told otherwise.
+    pub fn automatic(objective: Objective) -> Self {
+        Self { solver: &Varpro, objective, points: None, automatic: true, rounds: None }
+    }
+
     /// Solver, and its rounds where they are limited.
     pub fn solver_label(&self) -> String {
+        if self.automatic {
+            return "automatic".to_owned();
+        }
         let rounds = self.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
         format!("{}{rounds}", self.solver.name())
     }
@@ -60,7 +70,10 @@ impl Method {
     }
 
     /// Fits.
-    pub fn solve(&self, observations: &Observations, materials: usize) -> Solution {
+    ///
+    /// # Errors
+    /// The solver refuses the observations.
+    pub fn solve(&self, observations: &Observations, materials: usize) -> Result<Solution, Refusal> {
         let mut stop = |round, _| {
             if self.rounds.is_some_and(|limit| round >= limit) {
                 ControlFlow::Break(())

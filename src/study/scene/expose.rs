@@ -2,6 +2,7 @@
 
 use super::stage::{ARC_MM, Stage, StageLight, StagePoint, lit};
 use super::{Scene, UNSEEN_COSINE_CUTOFF, Unseen};
+use crate::numerics::fit::directions::azimuth;
 use crate::numerics::fit::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};
 use crate::study::forward::reflect;
 use nalgebra::Vector3;
@@ -72,6 +73,10 @@ pub fn expose(scene: &Scene, stage: &Stage, gamma: &[f64], seed: u64) -> (Observ
             kept.push(index);
         }
     }
+    observations.set_azimuths(|point, sample| {
+        let (place, light) = (&stage.points[kept[point]], &stage.lights[sample.light]);
+        azimuth(&place.normal, &(light.assumed - place.position).normalize(), &place.to_view)
+    });
     (observations, kept)
 }
 

@@ -23,6 +23,9 @@ pub enum MeasureError {
     /// The thread's clock cannot be read.
     #[error("the processor time of a thread cannot be read: {0}")]
     Clock(#[from] nix::Error),
+    /// A solver refuses the observations.
+    #[error("{0}")]
+    Refused(#[from] crate::numerics::fit::solver::Refusal),
     /// Leaving out this light leaves too little.
     #[error(
         "no point of the photographs is seen by {LEAST_SAMPLES} lights without light {0}: give a dataset with more lights"
@@ -57,7 +60,7 @@ impl Bench {
     pub fn fit(&self, observations: &Observations, materials: usize, method: Method) -> Result<Fitted, MeasureError> {
         self.pool.install(|| {
             let begin = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
-            let solution = method.solve(observations, materials);
+            let solution = method.solve(observations, materials)?;
             let end = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
             let cpu_s = Duration::from(end).saturating_sub(Duration::from(begin)).as_secs_f64();
             Ok(Fitted { mixture: solution.mixture, iterations: solution.iterations, cpu_s })

@@ -13,8 +13,12 @@ use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::solver::{Solution, Task};
 use crate::numerics::fit::varpro::Subset;
+use crate::pipeline::fit::FitOptions;
+use crate::pipeline::judged::{Judged, fit_observations};
+use crate::pipeline::report::Identified;
 use rayon::prelude::*;
 pub use regimes::{Row, rows};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -60,10 +64,12 @@ pub struct Cell {
 /// The subset of the points of a scene that the solver of that name fits.
 static SUBSETS: [Subset; 1] = [Subset(300)];
 
-/// The paper's alternation with the paper's objective, ten rounds (Zheng 2008, Eq. 11), then every solver with `objective`.
+/// What `rigd fit` does unless told otherwise (materials, model, lobe and light gains left to the data), the paper's alternation
+/// with the paper's objective, ten rounds (Zheng 2008, Eq. 11), then every solver with `objective`.
 pub fn columns(objective: Objective, long: bool) -> Vec<Method> {
     let papers = Method::all(Objective::RELATIVE, &[], false).into_iter().filter(|method| method.rounds.is_some());
-    papers.chain(Method::all(objective, &SUBSETS, long).into_iter().filter(|method| method.rounds.is_none())).collect()
+    let ours = Method::all(objective, &SUBSETS, long).into_iter().filter(|method| method.rounds.is_none());
+    std::iter::once(Method::automatic(objective)).chain(papers).chain(ours).collect()
 }
 
 /// Runs the plan: `cells[row][column]`, the same at any number of threads. `progress` hears how many scenes of how many
@@ -91,9 +97,21 @@ fn fit(plan: &Plan<'_>, row: &Row, column: &Method, problem: &Problem) -> (Score
     if problem.observations.points() == 0 {
         return (Score::FAILURE, 0);
     }
-    let solution = column.solve(&problem.observations, row.materials);
+    if column.automatic {
+        let found = fit_observations(&problem.observations, &FitOptions::default(), &mut |_| ControlFlow::Continue(()));
+        return found.map_or((Score::FAILURE, 1), |found| {
+            (score(found.task.lobe, problem, &found.solution.mixture), doubts(&found))
+        });
+    }
+    let Ok(solution) = column.solve(&problem.observations, row.materials) else { return (Score::FAILURE, 1) };
     let warnings = (plan.warnings)(&problem.observations, &column.task(row.materials), &solution);
     (score(LOBE, problem, &solution.mixture), warnings.len())
+}
+
+/// Warnings of an automatic fit, and one more when it calls a parameter weak or unidentified.
+fn doubts(found: &Judged) -> usize {
+    let parameters = found.materials.iter().flat_map(|m| m.rho_d.iter().chain(&m.rho_s).chain(&m.beta));
+    found.warnings.len() + usize::from(parameters.into_iter().any(|p| p.identified != Identified::Identified))
 }
 
 fn cell(fits: Vec<(Score, usize)>) -> Cell {
@@ -150,7 +168,7 @@ fn line(row: &Row, column: &Method, seeds: u64, cell: &Cell) -> Vec<String> {
         row.regime.to_owned(),
         row.level.to_owned(),
         row.materials.to_string(),
-        column.solver.name().to_owned(),
+        column.solver_label(),
         column.objective.name().to_owned(),
         column.points.map_or(String::new(), |points| points.to_string()),
         column.rounds.map_or(String::new(), |rounds| rounds.to_string()),

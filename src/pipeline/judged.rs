@@ -1,0 +1,192 @@
+//! Chooses, fits and judges materials for observations, however they came about.
+
+use super::fit::{FitError, FitOptions, FitProgress, OnProgress};
+use super::identify::{self, Evidence, MISFIT};
+use super::options::Chosen;
+use super::report::MaterialReport;
+use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::quality::{Quality, judge_all};
+use crate::numerics::fit::selection::{Candidate, select};
+use crate::numerics::fit::solver::{Solution, Task, Termination};
+use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
+use crate::numerics::fit::{Mixture, gauge, varpro};
+use std::time::Instant;
+
+/// A material is a ghost when left-out lights are predicted within this part as well without it.
+const SUPERFLUOUS: f64 = 0.002;
+
+/// Materials fitted to observations, and what is known of them.
+pub struct Judged {
+    /// Everything that was tried; one of them is taken.
+    pub candidates: Vec<Candidate>,
+    /// What the solver was asked for.
+    pub task: Task,
+    /// What it found, in normal form.
+    pub solution: Solution,
+    /// The observations with the light gains and the normals that the fit settled on, where it changed them.
+    pub changed: Option<Observations>,
+    /// Standard errors.
+    pub uncertainty: Uncertainty,
+    /// Errors on the samples fitted to.
+    pub quality: Quality,
+    /// Chi^2 (noise and model floor) over degrees of freedom.
+    pub reduced_chi2: f64,
+    /// Parameters with standard errors, flags and reasons.
+    pub materials: Vec<MaterialReport>,
+    /// What a reader must be warned of.
+    pub warnings: Vec<String>,
+    /// Wall time of the choice, seconds.
+    pub choosing_s: f64,
+}
+
+impl Judged {
+    /// The candidate taken.
+    pub fn taken(&self) -> Option<&Candidate> {
+        self.candidates.iter().find(|candidate| candidate.taken)
+    }
+}
+
+/// Fits `observations` as `options` ask. Leaving lights out and the cosine cut-off are the business of who gathered them.
+///
+/// # Errors
+/// An option that cannot be used, observations without a sample, a solver's refusal, or the caller's cancelling.
+pub fn fit_observations(
+    observations: &Observations,
+    options: &FitOptions,
+    progress: OnProgress<'_>,
+) -> Result<Judged, FitError> {
+    let chosen = options.resolve(usize::MAX, 0.0)?;
+    judge(observations, &chosen, progress)
+}
+
+pub(super) fn judge(
+    observations: &Observations,
+    chosen: &Chosen,
+    progress: OnProgress<'_>,
+) -> Result<Judged, FitError> {
+    if observations.samples() == 0 {
+        return Err(FitError::Input("there is no sample to fit: add lit points".to_owned()));
+    }
+    let begin = Instant::now();
+    let candidates = choose(observations, chosen, progress)?;
+    let choosing_s = begin.elapsed().as_secs_f64();
+    let taken = candidates.iter().find(|c| c.taken).ok_or(FitError::Cancelled)?;
+    let mut changed = taken.gains.as_ref().map(|gains| observations.with_gains(gains));
+    let task = Task {
+        lobe: taken.lobe,
+        objective: chosen.objective,
+        materials: taken.materials,
+        rule: chosen.rule,
+        colour: taken.colour,
+    };
+    let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
+    let mut solution = chosen
+        .solver
+        .solve(changed.as_ref().unwrap_or(observations), &task, &mut report_progress)
+        .map_err(|refusal| FitError::Input(refusal.to_string()))?;
+    if solution.termination == Termination::Cancelled {
+        return Err(FitError::Cancelled);
+    }
+    gauge::normalise(&mut solution.mixture);
+    // What follows judges the fit about the normals it used.
+    if let Some(tilts) = &solution.tilts {
+        changed = Some(changed.as_ref().unwrap_or(observations).turned(tilts));
+    }
+    let fitted = changed.as_ref().unwrap_or(observations);
+    let uncertainty =
+        uncertainty(&varpro::recipe(&task, fitted), &solution.mixture, task.colour, solution.sign, fitted);
+    let quality = judge_all(task.lobe, &solution.mixture, fitted)
+        .ok_or_else(|| FitError::Input("there is no sample to judge the fit by".to_owned()))?;
+    let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
+    let evidence = Evidence {
+        converged: solution.termination == Termination::Converged,
+        superfluous: superfluous(&candidates),
+        reduced_chi2,
+    };
+    let materials = identify::describe(&task, &solution.mixture, &uncertainty, fitted, &evidence);
+    let warnings = warnings(&solution, fitted, &evidence, &candidates);
+    Ok(Judged {
+        task,
+        solution,
+        changed,
+        uncertainty,
+        quality,
+        reduced_chi2,
+        materials,
+        warnings,
+        choosing_s,
+        candidates,
+    })
+}
+
+/// What left-out lights decide of the number of materials, the model, its lobe and the light gains.
+fn choose(observations: &Observations, chosen: &Chosen, progress: OnProgress<'_>) -> Result<Vec<Candidate>, FitError> {
+    let mut go_on = || progress(FitProgress { iteration: 0, cost: f64::NAN });
+    let candidates = select(observations, chosen.objective, chosen.wishes, &mut go_on);
+    if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
+}
+
+/// True when left-out lights are predicted as well with one material fewer.
+fn superfluous(candidates: &[Candidate]) -> bool {
+    let error = |c: &Candidate| c.left_out.map(|errors| errors.overall);
+    let taken = candidates.iter().find(|c| c.taken);
+    taken.is_some_and(|taken| {
+        let fewer =
+            candidates.iter().find(|c| c.materials + 1 == taken.materials && c.lobe.name() == taken.lobe.name());
+        fewer.and_then(error).zip(error(taken)).is_some_and(|(fewer, taken)| fewer <= taken * (1.0 + SUPERFLUOUS))
+    })
+}
+
+/// Chi^2 over degrees of freedom, for a mixture that was asked for by `task` and leaves `chi2`.
+pub fn reduced_chi2(task: &Task, mixture: &Mixture, observations: &Observations, chi2: f64) -> f64 {
+    let free_weights = mixture.gamma.iter().filter(|&&g| g > 0.0).count();
+    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
+    chi2 / (3 * observations.samples()).saturating_sub(unknowns).max(1) as f64
+}
+
+/// What a reader must be warned of, whatever else was tried.
+pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi2: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if solution.termination != Termination::Converged {
+        warnings.push(format!(
+            "the solver was still gaining after {} iterations: the decomposition is not determined, or the parameters are off by more than their standard errors",
+            solution.iterations
+        ));
+    }
+    if reduced_chi2 > MISFIT {
+        warnings.push(format!(
+            "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off",
+            reduced_chi2.sqrt()
+        ));
+    }
+    if observations.unusable > 0 {
+        warnings.push(format!(
+            "{} lit samples were not used (clipped, too dark or masked), {} of them in highlights",
+            observations.unusable, observations.unusable_highlight
+        ));
+    }
+    if observations.lights < 3 {
+        warnings.push("fewer than three lights: the materials are not determined".to_owned());
+    }
+    warnings
+}
+
+fn warnings(
+    solution: &Solution,
+    observations: &Observations,
+    evidence: &Evidence,
+    candidates: &[Candidate],
+) -> Vec<String> {
+    let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
+    if evidence.superfluous {
+        warnings.push(
+            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
+        );
+    }
+    if candidates.iter().all(|c| c.left_out.is_none()) {
+        warnings.push(
+            "too few lights to leave one out: nothing tells whether the model is more than the scene needs".to_owned(),
+        );
+    }
+    warnings
+}
