@@ -3,7 +3,8 @@
 //!
 //! Non-negative weights clip the noise of points that lack a material on one side, and the rest of it biases the
 //! parameters by many standard errors. Free weights do not; but where the data do not tell the materials apart they run
-//! wild. So the parameters found with free weights are taken only if they predict left-out lights better.
+//! wild. So the parameters found with free weights are taken only if they stand up to left-out lights, and to
+//! non-negative weights.
 
 use super::folds::{Folds, predicted};
 use super::initialise::{Class, classes};
@@ -27,8 +28,9 @@ const SPECULAR_START: f64 = 0.1;
 /// Points of the first search, from several starts, and of the second.
 pub(super) const COARSE: (usize, usize) = (384, 3000);
 
-/// Points the free weights are judged on by left-out lights.
-const JUDGED: usize = 800;
+/// By how much parameters found with free weights may fit worse, relative, once the weights are made non-negative: beyond it
+/// they lived on negative weights.
+const FREE_COST: f64 = 0.03;
 
 /// When the first search, the second, those without a light, and the last one stop.
 pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
@@ -192,46 +194,57 @@ pub fn descend(
         cancelled |= progress(iterations, next.cost).is_break();
         next
     };
-    let large = observations.points() > 2 * COARSE.1;
-    let medium = large.then(|| Prepared::new(some, recipe));
-    if let Some(medium) = &medium {
-        found = stage(medium, &found, Sign::NonNegative, MEDIUM_STOP);
-    }
-    let mut sign = Sign::NonNegative;
-    let mut notes = Vec::new();
+    let medium = Prepared::new(some, recipe);
+    found = stage(&medium, &found, Sign::NonNegative, MEDIUM_STOP);
+    let (mut sign, mut notes) = (Sign::NonNegative, Vec::new());
     // A single material's weights are never negative: there is nothing to free.
     if task.materials > 1 {
-        if free_weights_predict_better(&some.subset(JUDGED), recipe, &found.materials, task.colour) {
-            sign = Sign::Free;
-        } else {
-            notes.push(
-                "free weights predicted left-out lights no better: the parameters were found with weights >= 0"
-                    .to_owned(),
-            );
+        let free = stage(&medium, &found, Sign::Free, MEDIUM_STOP);
+        match refusal_of_free_weights(some, &medium, recipe, [&found.materials, &free.materials]) {
+            None => (sign, found) = (Sign::Free, free),
+            Some(reason) => notes.push(format!("{reason}: the parameters were found with weights >= 0")),
         }
     }
-    if let (Some(medium), Sign::Free) = (&medium, sign) {
-        found = stage(medium, &found, sign, MEDIUM_STOP);
+    let whole = if some.points() == observations.points() { medium } else { Prepared::new(observations, recipe) };
+    let before = found.clone();
+    // Free weights converge in few steps; the last digits of a biased optimum are not worth many.
+    found = stage(&whole, &before, sign, if sign == Sign::Free { FINE_STOP } else { MEDIUM_STOP });
+    // Along a direction the data do not see, free weights may still have run away.
+    if sign == Sign::Free && rise(&whole, &before.materials, &found.materials) > FREE_COST {
+        sign = Sign::NonNegative;
+        notes.push("free weights ran away: the parameters were found with weights >= 0".to_owned());
+        found = stage(&whole, &before, sign, MEDIUM_STOP);
     }
-    found = stage(&Prepared::new(observations, recipe), &found, sign, FINE_STOP);
     found.iterations = iterations;
     AlphaFit { found, sign, cancelled, notes }
 }
 
-/// True when the parameters found with free weights predict left-out lights better than those found with non-negative
-/// ones; all predictions are made with non-negative weights.
-fn free_weights_predict_better(
+/// By how much `to` fits worse than `from` with non-negative weights, relative.
+fn rise(prepared: &Prepared, from: &[Material], to: &[Material]) -> f64 {
+    let cost = |materials: &[Material]| kernel::weights(prepared, materials, Sign::NonNegative).1;
+    cost(to) / cost(from) - 1.0
+}
+
+/// Why the parameters found with free weights are not to be taken instead of those found with non-negative ones; none if
+/// they are. With the non-negative weights that are used in the end they must fit hardly worse, and predict left-out lights
+/// no worse.
+fn refusal_of_free_weights(
     observations: &Observations,
+    prepared: &Prepared,
     recipe: &Recipe<'_>,
-    start: &[Material],
-    colour: Colour,
-) -> bool {
+    [bounded, free]: [&[Material]; 2],
+) -> Option<String> {
+    let rise = rise(prepared, bounded, free);
+    if !(rise < FREE_COST) {
+        return Some(format!("free weights fit {:.0} % worse once they are made non-negative", 100.0 * rise));
+    }
+    // The parameters stay what they are: refitted to fewer lights and points they would be judged by the noise of the refit.
     let folds = Folds::new(observations);
-    let error =
-        |sign: Sign| predicted(&folds, recipe, |prepared| search(prepared, start, colour, sign, FOLD_STOP).materials);
-    match (error(Sign::Free), error(Sign::NonNegative)) {
-        (Some(free), Some(bounded)) => free.overall < bounded.overall,
-        _ => false,
+    let error = |materials: &[Material]| predicted(&folds, recipe, |_| materials.to_vec()).map(|errors| errors.overall);
+    match (error(free), error(bounded)) {
+        (Some(free), Some(bounded)) if free < bounded => None,
+        (Some(_), Some(_)) => Some("free weights predicted left-out lights worse".to_owned()),
+        _ => Some("no light can be left out to judge free weights".to_owned()),
     }
 }
 
