@@ -4,7 +4,7 @@ use super::kernel::{self, Sign};
 use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};
 use super::predict;
 use super::prepared::{Prepared, Recipe};
-use crate::numerics::brdf::Material;
+use crate::numerics::brdf::{Lobe, Material};
 
 /// Most groups of lights left out in turn: with many lights, one group holds every so-manieth.
 const GROUPS: usize = 7;
@@ -57,6 +57,41 @@ impl Folds {
     }
 }
 
+/// Errors of fixed materials on every light, with the weights that the other lights give each point. None where no light
+/// can be left out.
+pub fn left_out_errors<const N: usize>(
+    observations: &Observations,
+    prepared: &Prepared,
+    lobe: &dyn Lobe,
+    materials: [&[Material]; N],
+) -> Option<[f64; N]> {
+    let groups = observations.lights.min(GROUPS);
+    let (mut sums, mut count) = ([0.0; N], 0.0);
+    for group in 0..groups {
+        let rest = prepared.without(observations, |light| light % groups == group);
+        let gammas = materials.map(|materials| kernel::weights(&rest, materials, Sign::NonNegative).0);
+        for point in 0..observations.points() {
+            let others = observations.of(point).filter(|sample| sample.light % groups != group).count();
+            if others < LEAST {
+                continue;
+            }
+            for sample in observations.of(point).filter(|sample| sample.light % groups == group) {
+                count += 1.0;
+                for n in 0..N {
+                    let weights = &gammas[n][point * materials[n].len()..(point + 1) * materials[n].len()];
+                    sums[n] += relative_error(&sample, predict(lobe, materials[n], weights, &sample));
+                }
+            }
+        }
+    }
+    (count > 0.0).then(|| sums.map(|sum| sum / count))
+}
+
+/// Mean over channels of |I - model| / I.
+fn relative_error(sample: &Sample, model: [f64; 3]) -> f64 {
+    (0..3).map(|c| (sample.radiance[c] - model[c]).abs() / sample.radiance[c]).sum::<f64>() / 3.0
+}
+
 /// Error of the materials that `fit` finds without each group of lights, on that group. None where no light can be left
 /// out.
 pub fn predicted(
@@ -72,7 +107,7 @@ pub fn predicted(
         for (point, sample) in &fold.left_out {
             let weights = &gamma[point * materials.len()..(point + 1) * materials.len()];
             let model = predict(recipe.lobe, &materials, weights, sample);
-            let error = (0..3).map(|c| (sample.radiance[c] - model[c]).abs() / sample.radiance[c]).sum::<f64>() / 3.0;
+            let error = relative_error(sample, model);
             sum += error;
             count += 1.0;
             if sample.angles.half_angle() < HIGHLIGHT_HALF_ANGLE {

@@ -77,9 +77,12 @@ pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, st
         }
         if let Some(candidate) = &candidate
             && lambda <= 1e-3
-            && promised(&normal, &(candidate - &x)) < 0.1 * stop.relative_decrease * normal.cost
         {
-            return ended(x, normal.cost);
+            let gain = promised(&normal, &(candidate - &x));
+            if gain < 0.1 * stop.relative_decrease * normal.cost {
+                // So small a step is as good as the linear model: it is taken unseen.
+                return ended(candidate.clone(), normal.cost - gain);
+            }
         }
         // Nearly every step is accepted: evaluating it whole at once saves the pass that only asks for its cost.
         let evaluated = candidate.map(|candidate| (problem.normal(&candidate), candidate));

@@ -32,6 +32,7 @@ pub struct ReadyRow {
 }
 
 /// Ready rows of all points, or of a chunk of them.
+#[derive(Clone)]
 pub struct Prepared {
     /// How the lobe depends on its roughness.
     pub family: Family,
@@ -95,6 +96,18 @@ impl Prepared {
             first,
             rows,
         }
+    }
+
+    /// The same without the samples of the lights that `drop` names; made of the same `observations`.
+    pub fn without(&self, observations: &Observations, drop: impl Fn(usize) -> bool) -> Self {
+        let mut rest = self.clone();
+        for (ready, row) in rest.rows.iter_mut().zip(observations.rows()) {
+            for lane in 0..LANES {
+                let keep = if drop(usize::from(row.light[lane])) { 0.0 } else { 1.0 };
+                ready.irradiance.iter_mut().chain(&mut ready.radiance).for_each(|channel| channel[lane] *= keep);
+            }
+        }
+        rest
     }
 
     /// Number of blocks.

@@ -1,6 +1,6 @@
 //! Which points settle the BRDF parameters: few are enough, if rare materials and highlights are among them.
 
-use super::initialise::{features, mean_albedo, without_highlights};
+use super::initialise::{diffuse_albedo, features};
 use super::kmeans;
 use super::observations::Observations;
 
@@ -22,7 +22,7 @@ pub fn stratified(observations: &Observations, classes: usize, count: usize) -> 
     let pool: Vec<usize> = (0..pool_size).map(|i| i * total / pool_size).collect();
     let mut strata: Vec<Vec<usize>> = vec![Vec::new(); 2 * classes];
     let class = if classes > 1 {
-        let albedo = |&point: &usize| mean_albedo(&without_highlights(observations.of(point).collect()));
+        let albedo = |&point: &usize| diffuse_albedo(observations.of(point));
         kmeans::cluster(&features(&pool.iter().map(albedo).collect::<Vec<_>>()), classes)
     } else {
         vec![0; pool.len()]

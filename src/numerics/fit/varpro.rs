@@ -6,7 +6,7 @@
 //! wild. So the parameters found with free weights are taken only if they stand up to left-out lights, and to
 //! non-negative weights.
 
-use super::folds::{Folds, predicted};
+use super::folds::left_out_errors;
 use super::initialise::{Class, classes};
 use super::kernel::{self, Sign};
 use super::levmar::{self, Normal, Problem, Stop};
@@ -36,7 +36,7 @@ const FREE_COST: f64 = 0.03;
 pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
 const MEDIUM_STOP: Stop = Stop { relative_decrease: 1e-5, iterations: 40 };
 pub(super) const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
-const FINE_STOP: Stop = Stop { relative_decrease: 1e-9, iterations: 200 };
+const FINE_STOP: Stop = Stop { relative_decrease: 1e-8, iterations: 200 };
 
 /// Where a search over BRDF parameters ended.
 #[derive(Clone, Debug)]
@@ -238,13 +238,10 @@ fn refusal_of_free_weights(
     if !(rise < FREE_COST) {
         return Some(format!("free weights fit {:.0} % worse once they are made non-negative", 100.0 * rise));
     }
-    // The parameters stay what they are: refitted to fewer lights and points they would be judged by the noise of the refit.
-    let folds = Folds::new(observations);
-    let error = |materials: &[Material]| predicted(&folds, recipe, |_| materials.to_vec()).map(|errors| errors.overall);
-    match (error(free), error(bounded)) {
-        (Some(free), Some(bounded)) if free < bounded => None,
-        (Some(_), Some(_)) => Some("free weights predicted left-out lights worse".to_owned()),
-        _ => Some("no light can be left out to judge free weights".to_owned()),
+    match left_out_errors(observations, prepared, recipe.lobe, [bounded, free]) {
+        Some([bounded, free]) if free < bounded => None,
+        Some(_) => Some("free weights predicted left-out lights worse".to_owned()),
+        None => Some("no light can be left out to judge free weights".to_owned()),
     }
 }
 
