@@ -159,7 +159,7 @@ async function showResult(s) {
   $("tried").hidden = !report.candidates.length;
   $("parameters").replaceChildren(...material.materials.map(parameterTable));
   $("fit").textContent = `${material.model} model, ${report.solver} solver, ${report.weights} weights, ${report.objective} objective; `
-    + `${report.termination} after ${count(report.iterations, "alternation")}; gauge: ${material.gauge}; cosines above ${report.cosine_cutoff}; `
+    + `${report.termination} after ${count(report.iterations, "iteration")}; gauge: ${material.gauge}; cosines above ${report.cosine_cutoff}; `
     + `${material.provenance.software}${material.provenance.simulated ? ", simulated frames" : ""}.`;
   const stages = ["load", "observe", "initialise", "fit", "total"].map((stage) => `${stage} ${report.seconds[stage].toFixed(2)} s`);
   $("seconds").textContent = `Time: ${stages.join(", ")}; ${report.cpu_seconds.toFixed(2)} s of processor.`;

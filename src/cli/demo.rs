@@ -138,6 +138,6 @@ fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<Verdict> {
     let error = ended.mean_relative_error.context("the session has no fit")?;
     let verdict = compare(rig, &stored, error, ball.papers_error())?;
     let _ = verdict.print(&mut std::io::stdout().lock());
-    say(format!("result in {}\nweb page  {url}/", directory.display()));
+    say(format!("result in {}\nweb page  {url}/ (stays open with --keep)", directory.display()));
     Ok(verdict)
 }

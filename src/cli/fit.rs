@@ -82,6 +82,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         cosine_cutoff: args.cosine_cutoff,
         threads: args.threads,
     };
+    // Found out before the fit, not after it.
+    std::fs::create_dir_all(&args.out).map_err(|error| {
+        bad_input(format!("{}: no directory for the result: {error}; give another --out", args.out.display()))
+    })?;
     let bar = progress_bar(args.json);
     let mut on_progress = |progress: FitProgress| {
         if progress.iteration > 0 {
