@@ -1,0 +1,272 @@
+//! The inner loop of variable projection: for given BRDF parameters, the best weights of every point, the cost, and the
+//! normal equations of the BRDF parameters with the weights eliminated (Golub & Pereyra 1973, in Kaufman's 1975 form).
+//!
+//! Within a channel every radiance and every derivative is a sum of few basis functions: the irradiance e, e times each
+//! material's lobe, e times each lobe's slope. Their Gram matrix is gathered once a point; all else follows from it.
+//! Sums over samples are f32, one lane a point; sums over points are f32 within a chunk and f64 across chunks.
+
+mod point;
+mod quadratic;
+
+use super::prepared::{BLOCKS, Prepared};
+use super::{CHUNK, MAX_MATERIALS};
+use crate::numerics::brdf::Material;
+use crate::numerics::simd::{LANES, Lane, Level, Vector, Work};
+use point::{Point, accumulate};
+use rayon::prelude::*;
+
+/// Unknowns of a material: rho_d and rho_s per channel, ln(beta).
+pub const PER_MATERIAL: usize = 7;
+
+/// A direction of weights counts as seen when this part of its square is left after those before it.
+const PIVOT: f32 = 1e-5;
+
+/// Reweightings of Cauchy's function before the weights of a point stand.
+pub(super) const REWEIGHTINGS: usize = 2;
+
+/// Constraint of the weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sign {
+    /// gamma >= 0, exactly, by trying every set of positive weights.
+    NonNegative,
+    /// No constraint: a weight may be negative.
+    Free,
+}
+
+/// What comes out of a pass over all points.
+#[derive(Clone, Debug)]
+pub struct Sums {
+    /// Cost of the objective, in the prepared units.
+    pub cost: f64,
+    /// Half the gradient of the cost, [`PER_MATERIAL`] a material: rho_d, rho_s, ln(beta).
+    pub gradient: Vec<f64>,
+    /// The Schur complement of the normal matrix, lower triangle by rows.
+    pub hessian: Vec<f64>,
+}
+
+/// Index of (i, j), i >= j, in a lower triangle stored by rows.
+#[inline(always)]
+pub const fn triangle(i: usize, j: usize) -> usize {
+    i * (i + 1) / 2 + j
+}
+
+/// Cost, gradient and Schur complement.
+pub fn normal(prepared: &Prepared, materials: &[Material], sign: Sign) -> Sums {
+    normal_at(Level::best(), prepared, materials, sign)
+}
+
+/// [`normal`] with a given instruction set; the bits do not depend on it.
+pub fn normal_at(level: Level, prepared: &Prepared, materials: &[Material], sign: Sign) -> Sums {
+    let n = PER_MATERIAL * materials.len();
+    let chunks: Vec<Sums> = (0..prepared.blocks().div_ceil(BLOCKS))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut sums = Sums::zero(n);
+            let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
+            level.run(Pass { prepared, materials, sign, blocks, out: Out::Normal(&mut sums) });
+            sums
+        })
+        .collect();
+    let mut all = Sums::zero(n);
+    for chunk in chunks {
+        all.cost += chunk.cost;
+        all.gradient.iter_mut().zip(chunk.gradient).for_each(|(sum, value)| *sum += value);
+        all.hessian.iter_mut().zip(chunk.hessian).for_each(|(sum, value)| *sum += value);
+    }
+    all
+}
+
+/// Weights of all points, `gamma[point * materials + m]`, and the cost they leave, in prepared units.
+pub fn weights(prepared: &Prepared, materials: &[Material], sign: Sign) -> (Vec<f64>, f64) {
+    weights_at(Level::best(), prepared, materials, sign)
+}
+
+/// [`weights`] with a given instruction set; the bits do not depend on it.
+pub fn weights_at(level: Level, prepared: &Prepared, materials: &[Material], sign: Sign) -> (Vec<f64>, f64) {
+    let count = materials.len();
+    let chunks: Vec<(Vec<f64>, f64)> = (0..prepared.blocks().div_ceil(BLOCKS))
+        .into_par_iter()
+        .map(|chunk| {
+            let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
+            let points = prepared.points.min(blocks.end * LANES) - blocks.start * LANES;
+            let mut gamma = vec![0.0; CHUNK * count];
+            let mut cost = [0.0; LANES];
+            level.run(Pass { prepared, materials, sign, blocks, out: Out::Weights(&mut gamma, &mut cost) });
+            gamma.truncate(points * count);
+            (gamma, sum(&cost))
+        })
+        .collect();
+    let cost = chunks.iter().map(|chunk| chunk.1).sum();
+    (chunks.into_iter().flat_map(|chunk| chunk.0).collect(), cost)
+}
+
+/// Standard deviations of the weights of all points for fixed BRDF parameters and residuals of unit variance; 0 for one that
+/// is held at zero.
+pub fn deviations(prepared: &Prepared, materials: &[Material], sign: Sign) -> Vec<f64> {
+    let count = materials.len();
+    let chunks: Vec<Vec<f64>> = (0..prepared.blocks().div_ceil(BLOCKS))
+        .into_par_iter()
+        .map(|chunk| {
+            let blocks = chunk * BLOCKS..((chunk + 1) * BLOCKS).min(prepared.blocks());
+            let points = prepared.points.min(blocks.end * LANES) - blocks.start * LANES;
+            let mut sigma = vec![0.0; CHUNK * count];
+            Level::best().run(Pass { prepared, materials, sign, blocks, out: Out::Deviations(&mut sigma) });
+            sigma.truncate(points * count);
+            sigma
+        })
+        .collect();
+    chunks.concat()
+}
+
+/// Sums of a chunk, one lane a point: `N` unknowns with a triangle of `H` entries.
+struct Totals<const N: usize, const H: usize> {
+    cost: Lane,
+    gradient: [Lane; N],
+    hessian: [Lane; H],
+}
+
+impl<const N: usize, const H: usize> Totals<N, H> {
+    const ZERO: Self = Self { cost: [0.0; LANES], gradient: [[0.0; LANES]; N], hessian: [[0.0; LANES]; H] };
+
+    fn add_to(&self, sums: &mut Sums) {
+        sums.cost += sum(&self.cost);
+        sums.gradient.iter_mut().zip(&self.gradient).for_each(|(total, lane)| *total += sum(lane));
+        sums.hessian.iter_mut().zip(&self.hessian).for_each(|(total, lane)| *total += sum(lane));
+    }
+}
+
+impl Sums {
+    fn zero(unknowns: usize) -> Self {
+        Self { cost: 0.0, gradient: vec![0.0; unknowns], hessian: vec![0.0; triangle(unknowns, 0)] }
+    }
+}
+
+fn sum(lane: &Lane) -> f64 {
+    lane.iter().map(|&value| f64::from(value)).sum()
+}
+
+enum Out<'a> {
+    Normal(&'a mut Sums),
+    /// Weights and cost.
+    Weights(&'a mut [f64], &'a mut Lane),
+    Deviations(&'a mut [f64]),
+}
+
+/// A pass over the blocks of one chunk.
+struct Pass<'a> {
+    prepared: &'a Prepared,
+    materials: &'a [Material],
+    sign: Sign,
+    blocks: std::ops::Range<usize>,
+    out: Out<'a>,
+}
+
+impl Work for Pass<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        // M materials have B = 1 + 2 M basis functions with T = B (B + 1) / 2 products, and N = 7 M unknowns.
+        match self.materials.len() {
+            1 => self.go::<V, 1, 3, 6, 7, 28>(),
+            2 => self.go::<V, 2, 5, 15, 14, 105>(),
+            3 => self.go::<V, 3, 7, 28, 21, 231>(),
+            _ => self.go::<V, MAX_MATERIALS, 9, 45, 28, 406>(),
+        }
+    }
+}
+
+impl Pass<'_> {
+    #[inline(always)]
+    fn go<V: Vector, const M: usize, const B: usize, const T: usize, const N: usize, const H: usize>(self) {
+        let alpha = Alpha::<M>::new(self.materials);
+        let mut totals = Totals::<N, H>::ZERO;
+        let Pass { prepared, sign, blocks, mut out, .. } = self;
+        let mut scratch = Scratch::<V, B, T>::default();
+        for (index, block) in blocks.enumerate() {
+            let rows = prepared.block(block);
+            scratch.resize(rows.len());
+            for part in 0..LANES / V::WIDTH {
+                let point = Point { rows, part, alpha: &alpha, sign };
+                point.lobes(prepared.family, &mut scratch);
+                if let Some(scale) = prepared.cauchy {
+                    point.reweight(scale, &mut scratch);
+                }
+                match &mut out {
+                    Out::Normal(_) => point.normal(prepared.cauchy, &scratch, &mut totals),
+                    Out::Weights(gamma, cost) => {
+                        let found = point.quadratic(&scratch).minimise(sign).gamma;
+                        accumulate(cost, part, point.cost(prepared.cauchy, &scratch, &found));
+                        scatter(&found, part, index, gamma);
+                    }
+                    Out::Deviations(sigma) => {
+                        let minimum = point.quadratic(&scratch).minimise(sign);
+                        scatter(&minimum.deviations(), part, index, sigma);
+                    }
+                }
+            }
+        }
+        if let Out::Normal(sums) = out {
+            totals.add_to(sums);
+        }
+    }
+}
+
+/// BRDF parameters as the loop wants them; rho_d over pi.
+struct Alpha<const M: usize> {
+    rho_d: [[f32; 3]; M],
+    rho_s: [[f32; 3]; M],
+    beta2: [f32; M],
+    inverse_beta2: [f32; M],
+}
+
+impl<const M: usize> Alpha<M> {
+    fn new(materials: &[Material]) -> Self {
+        let of = |m: usize| &materials[m.min(materials.len() - 1)];
+        Self {
+            rho_d: std::array::from_fn(|m| of(m).rho_d.map(|v| (v * std::f64::consts::FRAC_1_PI) as f32)),
+            rho_s: std::array::from_fn(|m| of(m).rho_s.map(|v| v as f32)),
+            beta2: std::array::from_fn(|m| (of(m).beta * of(m).beta) as f32),
+            inverse_beta2: std::array::from_fn(|m| (1.0 / (of(m).beta * of(m).beta)) as f32),
+        }
+    }
+}
+
+/// Per row: basis functions without the irradiance (1, lobes, slopes), their products, weights of Cauchy's function.
+struct Scratch<V, const B: usize, const T: usize> {
+    basis: Vec<[V; B]>,
+    products: Vec<[V; T]>,
+    robust: Vec<[V; 3]>,
+}
+
+impl<V, const B: usize, const T: usize> Default for Scratch<V, B, T> {
+    fn default() -> Self {
+        Self { basis: Vec::new(), products: Vec::new(), robust: Vec::new() }
+    }
+}
+
+impl<V: Vector, const B: usize, const T: usize> Scratch<V, B, T> {
+    #[inline(always)]
+    fn resize(&mut self, rows: usize) {
+        let one = V::splat(1.0);
+        self.basis.resize(rows, [one; B]);
+        self.products.resize(rows, [one; T]);
+        self.robust.clear();
+        self.robust.resize(rows, [one; 3]);
+    }
+}
+
+/// Writes what one vector of points found for every material.
+#[inline(always)]
+fn scatter<V: Vector, const M: usize>(values: &[V; M], part: usize, block: usize, out: &mut [f64]) {
+    for m in 0..M {
+        let mut lane = [0.0; LANES];
+        values[m].store(&mut lane, part);
+        for i in part * V::WIDTH..(part + 1) * V::WIDTH {
+            out[(block * LANES + i) * M + m] = f64::from(lane[i]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,106 @@
+//! The f32 pass against the f64 code of the alternation, which shares nothing with it but the BRDF models.
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::numerics::brdf::{self, Lobe};
+use crate::numerics::fit::objective::Objective;
+use crate::numerics::fit::observations::Observations;
+use crate::numerics::fit::observations::tests::synthetic;
+use crate::numerics::fit::prepared::{Recipe, brightness};
+use crate::numerics::fit::weights::{WeightRule, solve_weights};
+use crate::numerics::fit::{Mixture, alpha};
+
+/// Off the truth, so that residuals and gradient are not zero.
+fn materials(truth: &[Material]) -> Vec<Material> {
+    let off = |m: &Material| Material {
+        rho_d: [m.rho_d[0] * 1.1, m.rho_d[1] * 0.95, m.rho_d[2]],
+        rho_s: m.rho_s.map(|s| s * 1.2),
+        beta: m.beta * 0.9,
+    };
+    truth.iter().map(off).collect()
+}
+
+/// Cost with exact non-negative weights, in f64.
+fn reference(lobe: &dyn Lobe, materials: &[Material], objective: Objective, observations: &Observations) -> f64 {
+    let gamma = solve_weights(lobe, materials, objective, WeightRule::Exact, observations);
+    alpha::cost(lobe, &Mixture { materials: materials.to_vec(), gamma }, objective, observations)
+}
+
+fn changed(materials: &[Material], index: usize, step: f64) -> Vec<Material> {
+    let mut changed = materials.to_vec();
+    let material = &mut changed[index / PER_MATERIAL];
+    match index % PER_MATERIAL {
+        k @ 0..3 => material.rho_d[k] += step,
+        k @ 3..6 => material.rho_s[k - 3] += step,
+        _ => material.beta *= step.exp(),
+    }
+    changed
+}
+
+#[test]
+fn cost_weights_and_gradient_are_those_of_the_f64_code() {
+    for (count, model) in [(1, "ward"), (2, "ward"), (3, "ward"), (2, "ggx"), (2, "blinn-phong")] {
+        let lobe = brdf::by_name(model).unwrap();
+        let (observations, truth) = synthetic(120, count, 60 + count as u64);
+        let materials = materials(&truth.materials);
+        for objective in [Objective::ABSOLUTE, Objective::RELATIVE, Objective::NOISE] {
+            let recipe = Recipe { lobe, objective, brightness: brightness(&observations) };
+            let prepared = Prepared::new(&observations, &recipe);
+            let sums = normal(&prepared, &materials, Sign::NonNegative);
+            let cost = reference(lobe, &materials, objective, &observations);
+            let what = format!("{count} {model} {objective:?}");
+            assert!((sums.cost * prepared.unit2 / cost - 1.0).abs() < 1e-4, "{what}: cost {} for {cost}", sums.cost);
+            let (gamma, same) = weights(&prepared, &materials, Sign::NonNegative);
+            assert!((same / sums.cost - 1.0).abs() < 1e-5, "{what}: two costs");
+            let exact = solve_weights(lobe, &materials, objective, WeightRule::Exact, &observations);
+            for (found, known) in gamma.iter().zip(&exact) {
+                assert!((found - known).abs() < 2e-3, "{what}: weight {found} for {known}");
+            }
+            for i in 0..PER_MATERIAL * count {
+                let h = 1e-4;
+                let at = |step: f64| reference(lobe, &changed(&materials, i, step), objective, &observations);
+                let numeric = (at(h) - at(-h)) / (4.0 * h);
+                let scale = (sums.hessian[triangle(i, i)].abs() * prepared.unit2 * cost).sqrt() + numeric.abs();
+                let found = sums.gradient[i] * prepared.unit2;
+                assert!((found - numeric).abs() < 2e-3 * scale, "{what}: gradient {i} is {found}, not {numeric}");
+            }
+        }
+    }
+}
+
+/// Near the truth the Schur complement is half the second derivative of the projected cost: residuals are small there.
+#[test]
+fn schur_complement_is_the_curvature_at_the_truth() {
+    let lobe = brdf::by_name("ward").unwrap();
+    let (observations, truth) = synthetic(150, 2, 71);
+    let objective = Objective::RELATIVE;
+    let recipe = Recipe { lobe, objective, brightness: 1.0 };
+    let sums = normal(&Prepared::new(&observations, &recipe), &truth.materials, Sign::NonNegative);
+    for i in 0..2 * PER_MATERIAL {
+        let h = 1e-3;
+        let at = |step: f64| reference(lobe, &changed(&truth.materials, i, step), objective, &observations);
+        let curvature = (at(h) + at(-h) - 2.0 * at(0.0)) / (2.0 * h * h);
+        let found = sums.hessian[triangle(i, i)];
+        assert!((found / curvature - 1.0).abs() < 0.05, "unknown {i}: {found} for {curvature}");
+    }
+}
+
+/// Cauchy's cost and its slope along a line agree, and an outlier hardly moves a weight.
+#[test]
+fn cauchy_bounds_the_pull_of_an_outlier() {
+    let lobe = brdf::by_name("ward").unwrap();
+    let (clean, truth) = synthetic(80, 1, 72);
+    let mut first = true;
+    let (observations, _) = clean.changed(1, |_, mut sample| {
+        if std::mem::take(&mut first) {
+            sample.radiance = sample.radiance.map(|i| 3.0 * i);
+        }
+        Some(sample)
+    });
+    let weight = |objective: Objective| {
+        let recipe = Recipe { lobe, objective, brightness: 1.0 };
+        weights(&Prepared::new(&observations, &recipe), &truth.materials, Sign::NonNegative).0[0] / truth.gamma[0]
+    };
+    let (plain, robust) = (weight(Objective::NOISE), weight(Objective::NOISE_CAUCHY));
+    assert!((plain - 1.0).abs() > 5.0 * (robust - 1.0).abs(), "plain {plain}, robust {robust}");
+}
