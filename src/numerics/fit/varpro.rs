@@ -235,7 +235,7 @@ fn refusal_of_free_weights(
     [bounded, free]: [&[Material]; 2],
 ) -> Option<String> {
     let rise = rise(prepared, bounded, free);
-    if !(rise < FREE_COST) {
+    if rise.is_nan() || rise >= FREE_COST {
         return Some(format!("free weights fit {:.0} % worse once they are made non-negative", 100.0 * rise));
     }
     match left_out_errors(observations, prepared, recipe.lobe, [bounded, free]) {
