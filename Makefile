@@ -7,15 +7,15 @@ RIGD   := $(TARGET)/release/rigd
 CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
-.PHONY: demo test packages photographs format lint units documentation no-std release simulated oracle golden-frames \
+.PHONY: demo test packages photographs format lint units documentation no-std release simulated studies oracle golden-frames \
 	unit-file openapi contract
 .NOTPARALLEL:
 
 demo:
 	cargo run --release -- demo
 
-test: packages photographs format lint units documentation no-std golden-frames oracle release simulated unit-file \
-		contract openapi
+test: packages photographs format lint units documentation no-std golden-frames oracle release simulated studies \
+		unit-file contract openapi
 	$(heading) 'all checks passed'
 
 packages:
@@ -78,6 +78,11 @@ release:
 simulated: release
 	$(heading) 'demo: two simulated balls'
 	@data=$$(mktemp -d) && trap 'rm -rf "$$data"' EXIT && '$(RIGD)' demo --data "$$data"
+
+studies: release
+	$(heading) 'studies, short forms'
+	@out=$$(mktemp -d) && trap 'rm -rf "$$out"' EXIT && '$(RIGD)' study speed --out "$$out" && \
+		'$(RIGD)' study stability --out "$$out" && wc -l "$$out"/*.csv
 
 unit-file: release
 	$(heading) 'systemd unit'
