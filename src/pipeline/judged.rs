@@ -2,11 +2,12 @@
 
 use super::fit::{FitError, FitOptions, FitProgress, OnProgress};
 use super::identify::{self, Evidence, MISFIT};
+use super::inputs;
 use super::options::Chosen;
 use super::report::MaterialReport;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::{Quality, judge_all};
-use crate::numerics::fit::selection::{Candidate, select};
+use crate::numerics::fit::selection::{Candidate, Wishes, select};
 use crate::numerics::fit::solver::{Solution, Task, Termination};
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
 use crate::numerics::fit::{Mixture, gauge, varpro};
@@ -49,7 +50,8 @@ impl Judged {
 /// Fits `observations` as `options` ask. Leaving lights out and the cosine cut-off are the business of who gathered them.
 ///
 /// # Errors
-/// An option that cannot be used, observations without a sample, a solver's refusal, or the caller's cancelling.
+/// An option that cannot be used, observations without a sample or with one that no fit can use, a solver's refusal, or the
+/// caller's cancelling.
 pub fn fit_observations(
     observations: &Observations,
     options: &FitOptions,
@@ -64,11 +66,10 @@ pub(super) fn judge(
     chosen: &Chosen,
     progress: OnProgress<'_>,
 ) -> Result<Judged, FitError> {
-    if observations.samples() == 0 {
-        return Err(FitError::Input("there is no sample to fit: add lit points".to_owned()));
-    }
+    inputs::check(observations)?;
     let begin = Instant::now();
-    let candidates = choose(observations, chosen, progress)?;
+    let (wishes, mut warnings) = inputs::reduced(observations, chosen.wishes);
+    let candidates = choose(observations, chosen, wishes, progress)?;
     let choosing_s = begin.elapsed().as_secs_f64();
     let taken = candidates.iter().find(|c| c.taken).ok_or(FitError::Cancelled)?;
     let mut changed = taken.gains.as_ref().map(|gains| observations.with_gains(gains));
@@ -104,7 +105,7 @@ pub(super) fn judge(
         reduced_chi2,
     };
     let materials = identify::describe(&task, &solution.mixture, &uncertainty, fitted, &evidence);
-    let warnings = warnings(&solution, fitted, &evidence, &candidates);
+    warnings.extend(warnings_about(&solution, fitted, &evidence, &candidates));
     Ok(Judged {
         task,
         solution,
@@ -120,9 +121,14 @@ pub(super) fn judge(
 }
 
 /// What left-out lights decide of the number of materials, the model, its lobe and the light gains.
-fn choose(observations: &Observations, chosen: &Chosen, progress: OnProgress<'_>) -> Result<Vec<Candidate>, FitError> {
+fn choose(
+    observations: &Observations,
+    chosen: &Chosen,
+    wishes: Wishes,
+    progress: OnProgress<'_>,
+) -> Result<Vec<Candidate>, FitError> {
     let mut go_on = || progress(FitProgress { iteration: 0, cost: f64::NAN });
-    let candidates = select(observations, chosen.objective, chosen.wishes, &mut go_on);
+    let candidates = select(observations, chosen.objective, wishes, &mut go_on);
     if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
 }
 
@@ -165,13 +171,11 @@ pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi
             observations.unusable, observations.unusable_highlight
         ));
     }
-    if observations.lights < 3 {
-        warnings.push("fewer than three lights: the materials are not determined".to_owned());
-    }
+    warnings.extend(inputs::lights(observations));
     warnings
 }
 
-fn warnings(
+fn warnings_about(
     solution: &Solution,
     observations: &Observations,
     evidence: &Evidence,

@@ -5,6 +5,7 @@ pub mod decode;
 pub mod develop;
 pub mod fit;
 pub mod identify;
+pub mod inputs;
 pub mod judged;
 pub mod options;
 pub mod preview;

@@ -21,6 +21,32 @@ pub struct Sample {
     pub variance: [f64; 3],
 }
 
+/// Radiances and irradiances that fits can use, and the greatest ratio of the two: their squares are kept in f32.
+const USABLE: [f64; 2] = [1e-15, 1e15];
+const GREATEST_RATIO: f64 = 1e12;
+
+impl Sample {
+    /// True when a fit can use it: positive and finite, and none so large or small that f32 cannot square it.
+    pub fn usable(&self) -> bool {
+        let within = |value: f64| (USABLE[0]..=USABLE[1]).contains(&value);
+        let ratio = |c: usize| self.radiance[c] / self.irradiance[c];
+        let channel = |c: usize| {
+            let variance = self.variance[c];
+            within(self.radiance[c])
+                && within(self.irradiance[c])
+                && (1.0 / GREATEST_RATIO..=GREATEST_RATIO).contains(&ratio(c))
+                && (0.0..=USABLE[1] * USABLE[1]).contains(&variance)
+        };
+        let angles = &self.angles;
+        let cosine = |value: f64| value > 0.0 && value <= 1.0 + 1e-6;
+        (0..3).all(channel)
+            && cosine(angles.cos_i)
+            && cosine(angles.cos_r)
+            && (0.0..f64::INFINITY).contains(&angles.tan2_half)
+            && angles.cos_iv.is_finite()
+    }
+}
+
 /// One sample of each of [`LANES`] points that stand side by side; zeros where a point has no more samples.
 ///
 /// Kept in f32: rounding is 6e-8 of a value, measured radiance is not known to better than 1e-3.
@@ -318,14 +344,15 @@ fn gather_point(scene: &Scene<'_>, x: usize, y: usize, pixel: usize) -> Option<G
             continue;
         }
         let radiance = image.radiance.pixels[pixel].map(f64::from);
-        if !image.valid.pixels[pixel] || radiance.iter().any(|&value| value <= 0.0) {
-            gathered.unusable += 1;
-            gathered.unusable_highlight += usize::from(angles.half_angle() < HIGHLIGHT_HALF_ANGLE);
-            continue;
-        }
         let variance = image.variance.as_ref().map_or([0.0; 3], |v| v.pixels[pixel].map(f64::from));
         let irradiance = facing.map(|l| l * angles.cos_i);
-        gathered.samples.push(Sample { light: index, angles, irradiance, radiance, variance });
+        let sample = Sample { light: index, angles, irradiance, radiance, variance };
+        if image.valid.pixels[pixel] && sample.usable() {
+            gathered.samples.push(sample);
+        } else {
+            gathered.unusable += 1;
+            gathered.unusable_highlight += usize::from(angles.half_angle() < HIGHLIGHT_HALF_ANGLE);
+        }
     }
     Some(gathered)
 }

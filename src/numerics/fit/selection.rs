@@ -89,6 +89,14 @@ impl Candidate {
     }
 }
 
+/// True when the samples are at least as many as the unknowns, and the points as the materials: of more, every mixture
+/// explains the points.
+pub fn carried(observations: &Observations, materials: usize, colour: Colour, gains: bool) -> bool {
+    let gains = if gains { observations.lights.saturating_sub(1) } else { 0 };
+    let unknowns = materials * (observations.points() + colour.unknowns() - 1) + gains;
+    materials <= observations.points() && unknowns <= 3 * observations.samples()
+}
+
 /// Tries what `wishes` leaves open and returns every candidate, one of them taken. Empty when the caller broke off.
 pub fn select(
     observations: &Observations,
@@ -176,6 +184,9 @@ impl Choice<'_> {
     fn more_materials(&mut self) -> ControlFlow<()> {
         while self.best().materials < MAX_MATERIALS {
             let best = self.best();
+            if !carried(&self.scene.points, best.materials + 1, best.colour, false) {
+                break;
+            }
             let next = self.scene.evaluate(best.materials + 1, best.lobe, best.colour);
             if !self.attempt(next, worth(MATERIAL_GAIN, "one material more"))? {
                 break;
