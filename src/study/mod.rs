@@ -1,5 +1,6 @@
 //! Studies: how fast, how accurate and how stable the solvers are, on scenes of known truth and on photographs.
 
+pub mod accuracy;
 pub mod chart;
 mod csv;
 pub mod forward;
