@@ -180,16 +180,17 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
         report.reduced_chi2,
         report.cosine_cutoff
     )?;
+    writeln!(out, "tried, each light left out in turn (by varpro, at some of the points):")?;
     for candidate in &report.candidates {
         writeln!(
             out,
-            "{} {} material(s), {} {}{}: {} on left-out lights; {}",
+            "{} {} material(s), {} {}{}: {}; {}",
             if candidate.taken { "->" } else { "  " },
             candidate.materials,
             candidate.lobe,
             candidate.model,
             if candidate.light_gains { ", light gains" } else { "" },
-            percent(candidate.left_out_relative_error),
+            candidate.left_out_relative_error.map_or("not judged".to_owned(), |e| format!("{:.2} %", 100.0 * e)),
             candidate.reason
         )?;
     }

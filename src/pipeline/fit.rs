@@ -1,6 +1,7 @@
 //! Fits a material to a dataset and says how good it is.
 
 use super::dataset::Dataset;
+use super::inputs;
 use super::judged::judge;
 use super::options::Chosen;
 pub use super::options::FitOptions;
@@ -151,7 +152,7 @@ fn run(
         cosine_cutoff: chosen.cutoff,
         unusable_samples: observations.unusable,
         candidates: judged.candidates.iter().map(CandidateReport::from).collect(),
-        warnings: judged.warnings.clone(),
+        warnings: inputs::dark_lights(&all).into_iter().chain(judged.warnings.iter().cloned()).collect(),
         notes: judged.solution.notes.clone(),
     };
     let material = MaterialFile {

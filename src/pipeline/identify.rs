@@ -33,6 +33,9 @@ pub struct Evidence {
     pub superfluous: bool,
     /// Chi^2 over degrees of freedom.
     pub reduced_chi2: f64,
+    /// True when several materials were found with weights kept non-negative: that biases them by more than their standard
+    /// errors.
+    pub bounded: bool,
 }
 
 /// A reason to trust a parameter less.
@@ -55,7 +58,10 @@ pub fn describe(
             let lobe = lobe_doubt(mixture, m, observations);
             let parameter = |k: usize, value: f64| {
                 let index = m * PER_MATERIAL + k;
-                let mut found = plain(value, uncertainty.alpha[index], uncertainty.loose[index]);
+                // The unknown is ln(beta): its error is relative.
+                let scale = if k == 6 { 1.0 } else { value };
+                let mut found = plain(scale, uncertainty.alpha[index], uncertainty.loose[index]);
+                found.value = value;
                 if k < 3 && uncertainty.alpha[index].is_none() && is_gauge(material, k) {
                     found.identified = Identified::Identified;
                     found.reason = Some("it fixes the gauge: what a weight of 1 means".to_owned());
@@ -71,7 +77,6 @@ pub fn describe(
                 return MaterialReport { share: share[m], rho_d, rho_s: Vec::new(), beta: None };
             }
             let rho_s = (0..3).map(|c| parameter(3 + c, material.rho_s[c])).collect();
-            // The unknown is ln(beta): its error is relative.
             let mut beta = parameter(6, material.beta);
             beta.standard_error = uncertainty.alpha[m * PER_MATERIAL + 6].map(|sigma| sigma * material.beta);
             if let Some(doubt) = beta_doubt(material, uncertainty.alpha[m * PER_MATERIAL + 6]) {
@@ -129,6 +134,10 @@ fn general_doubt(evidence: &Evidence) -> Option<Doubt> {
     if !evidence.converged {
         return Some((Identified::Weak, "the solver was still gaining at its iteration limit".to_owned()));
     }
+    if evidence.bounded {
+        let reason = "found with weights kept non-negative: it may be off by some percent, several standard errors";
+        return Some((Identified::Weak, reason.to_owned()));
+    }
     let times = evidence.reduced_chi2.sqrt();
     (evidence.reduced_chi2 > MISFIT).then(|| {
         (Identified::Weak, format!("residuals are {times:.1} times the noise: the model does not describe the data"))
@@ -180,6 +189,13 @@ fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations) -> Optio
         .flat_map(|point| observations.of(point))
         .filter(|sample| sample.angles.tan2_half.sqrt() < reach)
         .count();
+    let mut lights: Vec<usize> = observations.all().map(|sample| sample.light).collect();
+    lights.sort_unstable();
+    lights.dedup();
+    if lights.len() < 2 {
+        let reason = "one light does not tell a lobe from the weights";
+        return Some((Identified::Unidentified, reason.to_owned()));
+    }
     if near == 0 {
         return Some((Identified::Unidentified, "no sample within 2 beta of the half vector".to_owned()));
     }

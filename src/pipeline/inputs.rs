@@ -72,22 +72,30 @@ pub fn reduced(observations: &Observations, wishes: Wishes) -> (Wishes, Vec<Stri
         wishes.colour = Some(colour);
         warnings.push(format!("{size} cannot carry {what} fitted"));
     }
-    if wishes.colour == Some(Colour::None) {
+    if wishes.colour == Some(Colour::None) && wishes.lobe.is_none() {
         wishes.lobe = Some(&Lambert);
     }
     (wishes, warnings)
 }
 
-/// What a reader must know of the lights: those without samples, those that stand in one place, and how few they are.
-pub fn lights(observations: &Observations) -> Vec<String> {
-    let mut warnings = Vec::new();
+fn seen_lights(observations: &Observations) -> Vec<bool> {
     let mut seen = vec![false; observations.lights];
     observations.all().for_each(|sample| seen[sample.light] = true);
-    let list = |lights: Vec<usize>| lights.iter().map(usize::to_string).collect::<Vec<String>>().join(", ");
-    let dark: Vec<usize> = (0..seen.len()).filter(|&light| !seen[light]).collect();
-    if !dark.is_empty() {
-        warnings.push(format!("no sample under light {}: it stands behind the object or was not usable", list(dark)));
-    }
+    seen
+}
+
+/// The lights under which there is no sample, in words; none if every light has one.
+pub fn dark_lights(observations: &Observations) -> Option<String> {
+    let seen = seen_lights(observations);
+    let dark: Vec<String> = (0..seen.len()).filter(|&light| !seen[light]).map(|light| light.to_string()).collect();
+    let list = dark.join(", ");
+    (!dark.is_empty()).then(|| format!("no sample under light {list}: it stands behind the object or was not usable"))
+}
+
+/// What a reader must know of the lights: those that stand in one place, and how few they are.
+pub fn lights(observations: &Observations) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let seen = seen_lights(observations);
     let twins = twins(observations);
     if !twins.is_empty() {
         let lights = twins.iter().map(|(a, b)| format!("{a} and {b}")).collect::<Vec<String>>().join(", ");

@@ -5,6 +5,7 @@ use super::identify::{self, Evidence, MISFIT};
 use super::inputs;
 use super::options::Chosen;
 use super::report::MaterialReport;
+use crate::numerics::fit::kernel::Sign;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::{Quality, judge_all};
 use crate::numerics::fit::selection::{Candidate, Wishes, select};
@@ -58,7 +59,9 @@ pub fn fit_observations(
     progress: OnProgress<'_>,
 ) -> Result<Judged, FitError> {
     let chosen = options.resolve(usize::MAX, 0.0)?;
-    judge(observations, &chosen, progress)
+    let mut judged = judge(observations, &chosen, progress)?;
+    judged.warnings.extend(inputs::dark_lights(observations));
+    Ok(judged)
 }
 
 pub(super) fn judge(
@@ -103,6 +106,7 @@ pub(super) fn judge(
         converged: solution.termination == Termination::Converged,
         superfluous: superfluous(&candidates),
         reduced_chi2,
+        bounded: task.materials > 1 && solution.sign == Sign::NonNegative,
     };
     let materials = identify::describe(&task, &solution.mixture, &uncertainty, fitted, &evidence);
     warnings.extend(warnings_about(&solution, fitted, &evidence, &candidates));

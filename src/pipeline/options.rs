@@ -104,6 +104,12 @@ impl FitOptions {
                 Some(found.ok_or_else(|| one_of("lobe", name, &lobes()))?.1)
             }
         };
+        if let (Some(lobe), Some(asked)) = (lobe.filter(|lobe| !lobe.has_lobe()), self.lobe_asked()) {
+            return Err(FitError::Input(format!(
+                "the model {} has no lobe to be {asked}: choose lobe none or auto",
+                lobe.name()
+            )));
+        }
         let gains = match self.gains.as_str() {
             AUTO => None,
             "on" => Some(true),
@@ -121,6 +127,7 @@ impl FitOptions {
                 self.solver
             )));
         }
+        let colour = self.colour_for(solver, colour)?;
         let cutoff = self.cosine_cutoff.unwrap_or(cosine_cutoff);
         self.check_numbers(lights, cutoff)?;
         Ok(Chosen {
@@ -130,6 +137,23 @@ impl FitOptions {
             solver,
             cutoff,
         })
+    }
+
+    /// The colour of the lobe that was asked for, if it is one.
+    fn lobe_asked(&self) -> Option<&str> {
+        ["achromatic", "coloured"].into_iter().find(|name| *name == self.lobe)
+    }
+
+    /// The colour of the lobe as far as the solver leaves a choice.
+    fn colour_for(&self, solver: &dyn Solver, colour: Option<Colour>) -> Result<Option<Colour>, FitError> {
+        match colour {
+            None if solver.coloured_only() => Ok(Some(Colour::Coloured)),
+            Some(Colour::Achromatic) if solver.coloured_only() => Err(FitError::Input(format!(
+                "the solver {} fits coloured lobes only: choose lobe coloured or auto, or another solver",
+                self.solver
+            ))),
+            colour => Ok(colour),
+        }
     }
 
     fn lobe_named(&self) -> Result<&'static dyn Lobe, FitError> {

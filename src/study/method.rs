@@ -54,13 +54,15 @@ impl Method {
         Self { solver: &Varpro, objective, points: None, automatic: true, rounds: None }
     }
 
+    /// The solver's name, or that everything is left to the data.
+    pub fn solver_name(&self) -> &'static str {
+        if self.automatic { "automatic" } else { self.solver.name() }
+    }
+
     /// Solver, and its rounds where they are limited.
     pub fn solver_label(&self) -> String {
-        if self.automatic {
-            return "automatic".to_owned();
-        }
         let rounds = self.rounds.map_or(String::new(), |rounds| format!(" ({rounds} rounds)"));
-        format!("{}{rounds}", self.solver.name())
+        format!("{}{rounds}", self.solver_name())
     }
 
     /// What the solver is asked for.

@@ -9,6 +9,9 @@ use crate::numerics::brdf::{Lobe, Material};
 /// Most groups of lights left out in turn: with many lights, one group holds every so-manieth.
 const GROUPS: usize = 7;
 
+/// Fewer lights than this are not split.
+const LIGHTS: usize = 4;
+
 /// A point needs this many samples under the other lights to be predicted.
 const LEAST: usize = 2;
 
@@ -34,8 +37,11 @@ pub struct LeftOut {
 }
 
 impl Folds {
-    /// Splits `observations`.
+    /// Splits `observations`; not at all where there are fewer than four lights, because what is left tells too little.
     pub fn new(observations: &Observations) -> Self {
+        if observations.lights < LIGHTS {
+            return Self { folds: Vec::new() };
+        }
         let groups = observations.lights.min(GROUPS);
         let fold = |group: usize| {
             let (rest, kept) = observations.filtered(LEAST, |light| light % groups != group);

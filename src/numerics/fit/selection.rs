@@ -172,7 +172,7 @@ impl Choice<'_> {
         candidate.reason = verdict.unwrap_or_else(|reason| reason);
         self.tried.push(candidate);
         if accepted {
-            self.tried[self.best].reason = "a later one was better".to_owned();
+            self.tried[self.best].reason = "a later one was taken".to_owned();
             self.best = self.tried.len() - 1;
         }
         match (self.go_on)() {
@@ -264,7 +264,9 @@ fn simpler(what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<Stri
 
 fn verdict(new: &Candidate, old: &Candidate, accept: bool, what: &str, note: &str) -> Result<String, String> {
     if !new.error().is_finite() || !old.error().is_finite() {
-        return Err(format!("{what}: no light can be left out to judge it"));
+        let change = new.bic - old.bic;
+        let judged = format!("{what}: too few lights to leave one out; BIC {change:+.0}");
+        return if change < 0.0 { Ok(judged + ", taken") } else { Err(judged + ", refused") };
     }
     let change = 100.0 * (new.error() / old.error() - 1.0);
     match (accept, new.loses_highlights(old)) {

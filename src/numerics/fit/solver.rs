@@ -89,6 +89,11 @@ pub enum Refusal {
 pub trait Solver: Sync {
     /// Name in reports and on the command line.
     fn name(&self) -> &'static str;
+    /// True when the solver fits a specular albedo for each channel and knows no other lobe.
+    fn coloured_only(&self) -> bool {
+        false
+    }
+
     /// True for a solver that refuses observations without the azimuths of their lights
     /// ([`Observations::set_azimuths`]).
     fn needs_azimuths(&self) -> bool {
@@ -104,6 +109,10 @@ struct Zheng2008;
 impl Solver for Zheng2008 {
     fn name(&self) -> &'static str {
         "zheng2008"
+    }
+
+    fn coloured_only(&self) -> bool {
+        true
     }
 
     fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal> {

@@ -87,7 +87,7 @@ fn head(figure: &mut Figure, plan: &Plan<'_>, map: &Map) {
         let x = LABELS + CELL[0] * (at as f64 + 0.5);
         let limit = |count: Option<usize>, of: &str| count.map_or(String::new(), |n| format!("{n} {of}"));
         let small = Font::plain(12.0).colored(GREY);
-        figure.text([x, HEAD - 42.0], column.solver.name(), Font::bold(13.0), Anchor::Middle);
+        figure.text([x, HEAD - 42.0], column.solver_name(), Font::bold(13.0), Anchor::Middle);
         figure.text([x, HEAD - 26.0], column.objective.name(), small, Anchor::Middle);
         let limits = limit(column.points, "points") + &limit(column.rounds, "rounds");
         figure.text([x, HEAD - 10.0], &limits, small, Anchor::Middle);

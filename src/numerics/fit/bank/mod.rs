@@ -34,6 +34,10 @@ impl Solver for Bank {
         "bank"
     }
 
+    fn coloured_only(&self) -> bool {
+        true
+    }
+
     fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal> {
         if task.lobe.name() != Ward.name() {
             return Err(Refusal::OtherModel { solver: self.name(), needs: Ward.name(), model: task.lobe.name() });
