@@ -1,4 +1,4 @@
-//! Exit statuses (CONTRACT.md): 0 done, 1 the work failed, 2 wrong usage or bad input. And lines for people.
+//! Exit statuses: 0 done, 1 the work failed, 2 wrong usage or bad input. And lines for people.
 
 use super::merge::MergeInputError;
 use super::session::ClientError;

@@ -23,33 +23,36 @@ pub enum Study {
     ///
     /// Writes speed.csv, speed.svg and speed.png. The error is that of noise-free radiance under four lights the fit never
     /// saw, in percent; for photographs, that on lights left out of the fit in turn. The short form (2 scenes of 3 000
-    /// points, 2 seeds) takes less than a minute, --long (13 067 and 10 997 points, 8 seeds) about ten minutes. Run nothing
+    /// points, 2 seeds) takes less than a minute, --long (13 067 and 10 997 points, 8 seeds, more subsets, the paper's alternation
+    /// to its end) about ten minutes. Run nothing
     /// else meanwhile: times are of one thread, but memory is shared.
     Speed(SpeedArgs),
     /// What each solver makes of clipping, noise, outliers, few lights, wrong positions, alike materials and other trouble.
     ///
     /// Writes stability.csv and the heat maps stability-relight and stability-failures (svg, png): median relight error in
     /// percent, and percent of seeds that failed. Scenes have about 1 500 points. The short form (the hardest level of each
-    /// regime, 2 seeds) takes less than a minute of processor time, --long (every level, 20 seeds) less than 25 minutes on two
-    /// cores. The same seeds give the same table at any number of threads.
-    Stability(StabilityArgs),
+    /// regime, 2 seeds) takes less than a minute of processor time, --long (every level, 20 seeds, the paper's
+    /// alternation to its end) less than 25 minutes on two cores. The same seeds give the same table at any number of threads.
+    Stability(Extent),
     /// Whether fits keep what they promise: optimum, errors, standard errors, number of materials, flags.
     ///
-    /// Prints every figure with its bar and writes accuracy.csv. The short form has scenes of about 3 000 points and 20
-    /// seeds, --long scenes of full size and 200 seeds. The same seeds give the same table at any number of threads.
-    Accuracy(AccuracyArgs),
+    /// Prints every figure with its bar and writes accuracy.csv. The short form has scenes of about 3 000 points, 20 seeds and
+    /// 35 cases of flags and takes seconds; --long has scenes of full size, 200 seeds and 500 cases of flags and takes minutes
+    /// (materials counted and imperfect rig: 6 000 points; flags: 1 500 in both). The same seeds give the same table at any
+    /// number of threads.
+    Accuracy(Extent),
 }
 
-/// Arguments of `rigd study accuracy`.
+/// How much of a study, and where to.
 #[derive(clap::Args)]
-pub struct AccuracyArgs {
-    /// Directory for the table; made if missing.
+pub struct Extent {
+    /// Directory for tables and charts; made if missing.
     #[arg(long)]
     pub out: PathBuf,
-    /// Seeds a scene; default: 20, with --long 200.
+    /// Seeds a scene or level; default: that of the form.
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
     pub seeds: Option<u64>,
-    /// Scenes of full size, 500 cases of flags.
+    /// The long form.
     #[arg(long)]
     pub long: bool,
 }
@@ -57,32 +60,11 @@ pub struct AccuracyArgs {
 /// Arguments of `rigd study speed`.
 #[derive(clap::Args)]
 pub struct SpeedArgs {
-    /// Directory for table and chart; made if missing.
-    #[arg(long)]
-    pub out: PathBuf,
-    /// Seeds a scene; default: 2, with --long 8.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub seeds: Option<u64>,
-    /// Scenes of full size, more subsets, the paper's alternation to its end.
-    #[arg(long)]
-    pub long: bool,
+    #[command(flatten)]
+    extent: Extent,
     /// Also fit this dataset directory, with up to four of its lights left out in turn.
     #[arg(long, value_name = "DATASET")]
     pub photographs: Option<PathBuf>,
-}
-
-/// Arguments of `rigd study stability`.
-#[derive(clap::Args)]
-pub struct StabilityArgs {
-    /// Directory for table and charts; made if missing.
-    #[arg(long)]
-    pub out: PathBuf,
-    /// Seeds a level; default: 2, with --long 20.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub seeds: Option<u64>,
-    /// Every level of every regime, the paper's alternation to its end.
-    #[arg(long)]
-    pub long: bool,
 }
 
 /// Runs a study.
@@ -94,7 +76,7 @@ pub fn run(study: &Study) -> anyhow::Result<()> {
     }
 }
 
-fn run_accuracy(args: &AccuracyArgs) -> anyhow::Result<()> {
+fn run_accuracy(args: &Extent) -> anyhow::Result<()> {
     let seeds = args.seeds.unwrap_or(if args.long { 200 } else { 20 });
     let points = (!args.long).then_some(3000);
     let plan = accuracy::Plan { points, seeds, flagged: if args.long { 500 } else { 35 } };
@@ -108,19 +90,19 @@ fn run_accuracy(args: &AccuracyArgs) -> anyhow::Result<()> {
 }
 
 fn run_speed(args: &SpeedArgs) -> anyhow::Result<()> {
-    let mut plan = if args.long { speed::Plan::long() } else { speed::Plan::short() };
-    plan.seeds = args.seeds.unwrap_or(plan.seeds);
+    let mut plan = if args.extent.long { speed::Plan::long() } else { speed::Plan::short() };
+    plan.seeds = args.extent.seeds.unwrap_or(plan.seeds);
     plan.photographs = args.photographs.as_deref().map(photographs).transpose()?;
-    make(&args.out)?;
+    make(&args.extent.out)?;
     let bar = ProgressBar::new(0);
     let measured = speed::run(&plan, &mut |done, total| show(&bar, done, total))?;
     bar.finish_and_clear();
-    speed::write(&args.out, &measured)?;
-    super::error::print_line(format_args!("speed.csv, speed.svg, speed.png in {}", args.out.display()))?;
+    speed::write(&args.extent.out, &measured)?;
+    super::error::print_line(format_args!("speed.csv, speed.svg, speed.png in {}", args.extent.out.display()))?;
     Ok(())
 }
 
-fn run_stability(args: &StabilityArgs) -> anyhow::Result<()> {
+fn run_stability(args: &Extent) -> anyhow::Result<()> {
     let objective = Objective::by_name(&FitOptions::default().objective).context("the default objective")?;
     let plan = stability::Plan {
         rows: stability::rows(args.long),

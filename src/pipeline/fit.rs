@@ -64,6 +64,7 @@ pub struct FitResult {
 /// Fits `dataset`.
 pub fn fit(dataset: &Dataset, options: &FitOptions, progress: OnProgress<'_>) -> Result<FitResult, FitError> {
     let lights = dataset.geometry.lights.len();
+    inputs::check_lights(lights)?;
     let chosen = options.resolve(lights, dataset.geometry.cosine_cutoff)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))

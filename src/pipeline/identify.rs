@@ -51,11 +51,12 @@ pub fn describe(
 ) -> Vec<MaterialReport> {
     let share = shares(mixture);
     let general = general_doubt(evidence);
+    let seen = Seen::of(observations);
     (0..mixture.materials.len())
         .map(|m| {
             let material = &mixture.materials[m];
             let twin = twin_of(task, &mixture.materials, m);
-            let lobe = lobe_doubt(mixture, m, observations);
+            let lobe = lobe_doubt(mixture, m, observations, &seen);
             let parameter = |k: usize, value: f64| {
                 let index = m * PER_MATERIAL + k;
                 // The unknown is ln(beta): its error is relative.
@@ -181,26 +182,35 @@ fn twin_of(task: &Task, materials: &[Material], m: usize) -> Option<Doubt> {
     doubt
 }
 
+/// What was seen of lobes at all.
+struct Seen {
+    lights: usize,
+    highlights: usize,
+}
+
+impl Seen {
+    fn of(observations: &Observations) -> Self {
+        let highlights = observations.all().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
+        Self { lights: observations.lights_in_use().len(), highlights }
+    }
+}
+
 /// What keeps the lobe of material `m` from being determined.
-fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations) -> Option<Doubt> {
+fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations, seen: &Seen) -> Option<Doubt> {
     let reach = 2.0 * mixture.materials[m].beta;
     let near = (0..observations.points())
         .filter(|&point| mixture.weights_of(point)[m] > PRESENT)
         .flat_map(|point| observations.of(point))
         .filter(|sample| sample.angles.tan2_half.sqrt() < reach)
         .count();
-    let mut lights: Vec<usize> = observations.all().map(|sample| sample.light).collect();
-    lights.sort_unstable();
-    lights.dedup();
-    if lights.len() < 2 {
+    if seen.lights < 2 {
         let reason = "one light does not tell a lobe from the weights";
         return Some((Identified::Unidentified, reason.to_owned()));
     }
     if near == 0 {
         return Some((Identified::Unidentified, "no sample within 2 beta of the half vector".to_owned()));
     }
-    let highlights = observations.all().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
-    let lost = observations.unusable_highlight;
+    let (highlights, lost) = (seen.highlights, observations.unusable_highlight);
     if highlights == 0 && lost > 0 {
         return Some((Identified::Unidentified, "every highlight sample is clipped or unusable".to_owned()));
     }

@@ -2,7 +2,7 @@
 
 use super::fit::FitError;
 use crate::numerics::brdf::lambert::Lambert;
-use crate::numerics::fit::observations::{Observations, Sample};
+use crate::numerics::fit::observations::{MAX_LIGHTS, Observations, Sample};
 use crate::numerics::fit::selection::{Wishes, carried};
 use crate::numerics::fit::unknowns::Colour;
 use rayon::prelude::*;
@@ -18,6 +18,7 @@ const SAME: f64 = 1e-6;
 /// # Errors
 /// Which sample, what is wrong with it, and what to do.
 pub fn check(observations: &Observations) -> Result<(), FitError> {
+    check_lights(observations.lights)?;
     if observations.samples() == 0 {
         return Err(FitError::Input("there is no sample to fit: add lit points".to_owned()));
     }
@@ -78,16 +79,22 @@ pub fn reduced(observations: &Observations, wishes: Wishes) -> (Wishes, Vec<Stri
     (wishes, warnings)
 }
 
-fn seen_lights(observations: &Observations) -> Vec<bool> {
-    let mut seen = vec![false; observations.lights];
-    observations.all().for_each(|sample| seen[sample.light] = true);
-    seen
+/// Refuses more lights than observations can tell apart.
+///
+/// # Errors
+/// How many there are, and what to do.
+pub fn check_lights(lights: usize) -> Result<(), FitError> {
+    if lights > MAX_LIGHTS {
+        return Err(FitError::Input(format!("{lights} lights: a fit takes at most {MAX_LIGHTS}; split the dataset")));
+    }
+    Ok(())
 }
 
 /// The lights under which there is no sample, in words; none if every light has one.
 pub fn dark_lights(observations: &Observations) -> Option<String> {
-    let seen = seen_lights(observations);
-    let dark: Vec<String> = (0..seen.len()).filter(|&light| !seen[light]).map(|light| light.to_string()).collect();
+    let used = observations.lights_in_use();
+    let dark: Vec<String> =
+        (0..observations.lights).filter(|light| !used.contains(light)).map(|light| light.to_string()).collect();
     let list = dark.join(", ");
     (!dark.is_empty()).then(|| format!("no sample under light {list}: it stands behind the object or was not usable"))
 }
@@ -95,7 +102,6 @@ pub fn dark_lights(observations: &Observations) -> Option<String> {
 /// What a reader must know of the lights: those that stand in one place, and how few they are.
 pub fn lights(observations: &Observations) -> Vec<String> {
     let mut warnings = Vec::new();
-    let seen = seen_lights(observations);
     let twins = twins(observations);
     if !twins.is_empty() {
         let lights = twins.iter().map(|(a, b)| format!("{a} and {b}")).collect::<Vec<String>>().join(", ");
@@ -103,8 +109,8 @@ pub fn lights(observations: &Observations) -> Vec<String> {
             "lights {lights} stand in the same place: leaving one of them out proves nothing, and they count as one"
         ));
     }
-    let repeated = (0..seen.len()).filter(|light| twins.iter().any(|(_, later)| later == light)).count();
-    if seen.iter().filter(|&&seen| seen).count() - repeated < 3 {
+    // Each light that repeats an earlier one stands once in the list.
+    if observations.lights_in_use().len().saturating_sub(twins.len()) < 3 {
         warnings.push("fewer than three lights: the materials are not determined".to_owned());
     }
     warnings

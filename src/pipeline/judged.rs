@@ -193,7 +193,8 @@ fn warnings_about(
     }
     if candidates.iter().all(|c| c.left_out.is_none()) {
         warnings.push(
-            "too few lights to leave one out: nothing tells whether the model is more than the scene needs".to_owned(),
+            "too few lights to leave one out: BIC alone chose, so the model may be more or less than the scene needs"
+                .to_owned(),
         );
     }
     warnings

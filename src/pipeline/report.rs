@@ -1,4 +1,4 @@
-//! What a fit says of itself: `report.json` and `material.json` (CONTRACT.md, METHOD 8).
+//! What a fit says of itself: `report.json` and `material.json`.
 
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::selection::Candidate;

@@ -11,7 +11,7 @@
 //!     frames/SSS-EE.jpg          station and exposure, both from 0; a later attempt is SSS-EE-aN.jpg (N from 2)
 //!     frames/.SSS-EE.jpg.tmp     a frame being written; removed at the next start
 //!     radiance/NN.exr            developed stations, numbered as the lights of dataset.toml
-//!     dataset.toml               makes the session a dataset (CONTRACT.md)
+//!     dataset.toml               makes the session a dataset (docs/dataset.md)
 //!     result/                    the fitted material
 //! ```
 //!

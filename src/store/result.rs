@@ -1,4 +1,4 @@
-//! Result directories (CONTRACT.md): report.json, material.json, weights.exr, valid.png, residual.exr, preview.png, and
+//! Result directories (docs/dataset.md): report.json, material.json, weights.exr, valid.png, residual.exr, preview.png, and
 //! beside them weights_sigma.exr with the standard error of every weight.
 
 use super::exr::{Planes, read_planes, write_planes};

@@ -37,16 +37,17 @@ pub struct LeftOut {
 }
 
 impl Folds {
-    /// Splits `observations`; not at all where there are fewer than four lights, because what is left tells too little.
+    /// Splits `observations`; not at all where fewer than four lights are in use, because what is left tells too little.
     pub fn new(observations: &Observations) -> Self {
-        if observations.lights < LIGHTS {
+        if observations.lights_in_use().len() < LIGHTS {
             return Self { folds: Vec::new() };
         }
-        let groups = observations.lights.min(GROUPS);
+        let (group_of, groups) = groups(observations);
         let fold = |group: usize| {
-            let (rest, kept) = observations.filtered(LEAST, |light| light % groups != group);
+            let (rest, kept) = observations.filtered(LEAST, |light| group_of[light] != group);
             let of = |(index, &point): (usize, &usize)| {
-                observations.of(point).filter(|s| s.light % groups == group).map(|s| (index, s)).collect::<Vec<_>>()
+                let left_out = observations.of(point).filter(|s| group_of[s.light] == group);
+                left_out.map(|s| (index, s)).collect::<Vec<_>>()
             };
             let left_out = kept.iter().enumerate().flat_map(of).collect();
             Fold { rest, left_out }
@@ -63,6 +64,17 @@ impl Folds {
     }
 }
 
+/// Per light, the group it is left out with, and the number of groups: as many as lights in use, or [`GROUPS`].
+fn groups(observations: &Observations) -> (Vec<usize>, usize) {
+    let used = observations.lights_in_use();
+    let count = used.len().min(GROUPS);
+    let mut group_of = vec![0; observations.lights];
+    for (rank, light) in used.into_iter().enumerate() {
+        group_of[light] = rank % count;
+    }
+    (group_of, count)
+}
+
 /// Errors of fixed materials on every light, with the weights that the other lights give each point. None where no light
 /// can be left out.
 pub fn left_out_errors<const N: usize>(
@@ -71,17 +83,17 @@ pub fn left_out_errors<const N: usize>(
     lobe: &dyn Lobe,
     materials: [&[Material]; N],
 ) -> Option<[f64; N]> {
-    let groups = observations.lights.min(GROUPS);
+    let (group_of, groups) = groups(observations);
     let (mut sums, mut count) = ([0.0; N], 0.0);
     for group in 0..groups {
-        let rest = prepared.without(observations, |light| light % groups == group);
+        let rest = prepared.without(observations, |light| group_of[light] == group);
         let gammas = materials.map(|materials| kernel::weights(&rest, materials, Sign::NonNegative).0);
         for point in 0..observations.points() {
-            let others = observations.of(point).filter(|sample| sample.light % groups != group).count();
+            let others = observations.of(point).filter(|sample| group_of[sample.light] != group).count();
             if others < LEAST {
                 continue;
             }
-            for sample in observations.of(point).filter(|sample| sample.light % groups == group) {
+            for sample in observations.of(point).filter(|sample| group_of[sample.light] == group) {
                 count += 1.0;
                 for n in 0..N {
                     let weights = &gammas[n][point * materials[n].len()..(point + 1) * materials[n].len()];
@@ -123,4 +135,26 @@ pub fn predicted(
         }
     }
     (count > 0.0).then(|| LeftOut { overall: sum / count, highlight: (brights > 0.0).then(|| bright / brights) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::fit::observations::tests::synthetic;
+
+    /// Lights that were left out before count for nothing: of seven, three are too few, five make five groups.
+    #[test]
+    fn only_lights_in_use_are_left_out() {
+        let (observations, _) = synthetic(120, 1, 81);
+        let (three, _) = observations.filtered(1, |light| light < 3);
+        assert!(Folds::new(&three).folds.is_empty());
+        let (five, _) = observations.filtered(1, |light| light != 1 && light != 4);
+        let folds = Folds::new(&five).folds;
+        assert_eq!(folds.len(), 5);
+        for fold in &folds {
+            let light = fold.left_out[0].1.light;
+            assert!(fold.left_out.iter().all(|(_, sample)| sample.light == light));
+            assert!(fold.rest.all().all(|sample| sample.light != light));
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! The gauge: gamma_m -> a gamma_m, rho_m -> rho_m / a leaves every radiance alone (METHOD 3, 8).
+//! The gauge: gamma_m -> a gamma_m, rho_m -> rho_m / a leaves every radiance alone.
 
 use super::Mixture;
 

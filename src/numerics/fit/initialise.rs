@@ -9,7 +9,7 @@ use super::{Mixture, alpha};
 use crate::numerics::brdf::{Lobe, Material};
 use std::f64::consts::PI;
 
-/// Where Eq. 9 starts; the paper does not say, the measured table of the fitting facts starts here.
+/// Where Eq. 9 starts; the paper does not say.
 const SPECULAR_START: (f64, f64) = (0.1, 0.2);
 
 /// Below this median saturation hue is noise: cluster by log-chromaticity and luminance instead.

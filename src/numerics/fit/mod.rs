@@ -20,6 +20,7 @@ pub mod objective;
 pub mod observations;
 pub mod prepared;
 pub mod quality;
+mod row;
 pub mod sampling;
 pub mod selection;
 pub mod solver;

@@ -1,4 +1,4 @@
-//! How good a fit is (METHOD 8): relative errors over all, highlight and left-out samples, and chi^2 against the noise.
+//! How good a fit is: relative errors over all, highlight and left-out samples, and chi^2 against the noise.
 
 use super::objective::noise_weights;
 use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};

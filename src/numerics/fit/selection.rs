@@ -10,7 +10,7 @@ use super::observations::Observations;
 use super::prepared::{Prepared, Recipe, brightness};
 use super::sampling::stratified;
 use super::unknowns::Colour;
-use super::varpro::{FOLD_STOP, multi_start, search};
+use super::varpro::{multi_start, search};
 use super::{MAX_MATERIALS, Mixture};
 use crate::numerics::brdf::{self, Lobe};
 use std::ops::ControlFlow;
@@ -35,7 +35,9 @@ const LOSS: f64 = 0.003;
 /// What is taken may not raise the error on left-out highlights by more than this, relative.
 const HIGHLIGHT_LOSS: f64 = 0.1;
 
+/// When the search under all lights stops, and those without a group of them, which start from it.
 const STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 40 };
+const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
 
 /// What is to be chosen: none where the caller leaves it to the data.
 #[derive(Clone, Copy)]
@@ -213,7 +215,7 @@ impl Choice<'_> {
         let best = self.best();
         if fewer && best.lobe.name() != start.lobe.name() && best.materials > 1 {
             let next = self.scene.evaluate(best.materials - 1, best.lobe, best.colour);
-            self.attempt(next, simpler("one material fewer"))?;
+            self.attempt(next, worth(-LOSS, "one material fewer"))?;
         }
         ControlFlow::Continue(())
     }
@@ -223,7 +225,7 @@ impl Choice<'_> {
             let best = self.best();
             let lobe: &'static dyn Lobe = if colour == Colour::None { &brdf::lambert::Lambert } else { best.lobe };
             let next = self.scene.evaluate(best.materials, lobe, colour);
-            if !self.attempt(next, simpler("a simpler lobe"))? {
+            if !self.attempt(next, worth(-LOSS, "a simpler lobe"))? {
                 break;
             }
         }
@@ -248,34 +250,26 @@ impl Choice<'_> {
     }
 }
 
-/// Accepts what lowers the left-out error by `gain`.
+/// Accepts what lowers the left-out error by the part `gain`, or raises it by less than `-gain`.
 fn worth(gain: f64, what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
     move |new, old| {
-        let better = new.beats(old, gain);
-        let bic = if (new.bic < old.bic) == better { "BIC agrees" } else { "BIC disagrees" };
-        verdict(new, old, better, what, bic)
-    }
-}
-
-/// Accepts what hardly raises the left-out error.
-fn simpler(what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
-    move |new, old| verdict(new, old, new.beats(old, -LOSS), what, "fewer parameters")
-}
-
-fn verdict(new: &Candidate, old: &Candidate, accept: bool, what: &str, note: &str) -> Result<String, String> {
-    if !new.error().is_finite() || !old.error().is_finite() {
         let change = new.bic - old.bic;
-        let judged = format!("{what}: too few lights to leave one out; BIC {change:+.0}");
-        return if change < 0.0 { Ok(judged + ", taken") } else { Err(judged + ", refused") };
-    }
-    let change = 100.0 * (new.error() / old.error() - 1.0);
-    match (accept, new.loses_highlights(old)) {
-        (true, None) => Ok(format!("{what}: {change:+.1} % left-out error, taken; {note}")),
-        (true, Some(loss)) => Err(format!(
-            "{what}: {change:+.1} % left-out error, but {:+.0} % on left-out highlights, refused; {note}",
-            100.0 * loss
-        )),
-        (false, _) => Err(format!("{what}: {change:+.1} % left-out error, refused; {note}")),
+        if !new.error().is_finite() || !old.error().is_finite() {
+            let judged = format!("{what}: too few lights to leave one out; BIC {change:+.0}");
+            return if change < 0.0 { Ok(judged + ", taken") } else { Err(judged + ", refused") };
+        }
+        let better = new.beats(old, gain);
+        let bic = if (change < 0.0) == better { "BIC agrees" } else { "BIC disagrees" };
+        let error = format!("{what}: {:+.1} % left-out error", 100.0 * (new.error() / old.error() - 1.0));
+        let asked = if gain < 0.0 { "may rise by" } else { "must fall by" };
+        let asked = format!("{asked} {:.1} %", 100.0 * gain.abs());
+        match (better, new.loses_highlights(old)) {
+            (true, None) => Ok(format!("{error}, taken ({asked}); {bic}")),
+            (true, Some(loss)) => {
+                Err(format!("{error}, but {:+.0} % on left-out highlights, refused; {bic}", 100.0 * loss))
+            }
+            (false, _) => Err(format!("{error}, refused ({asked}); {bic}")),
+        }
     }
 }
 

@@ -6,7 +6,6 @@
 
 use super::Mixture;
 use super::kernel::{self, PER_MATERIAL, Sign};
-use super::objective::{CAUCHY_SCALE, MODEL_FLOOR, Measure, Objective};
 use super::observations::{Observations, Sample};
 use super::prepared::{Prepared, Recipe};
 use super::unknowns::{Colour, Unknowns};
@@ -44,7 +43,8 @@ pub fn uncertainty(
     let normal = unknowns.reduce(&kernel::normal(&prepared, &mixture.materials, sign));
     let free_weights = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();
     let scatter = Scatter::of(recipe, mixture, observations);
-    let scale = scatter.scale(free_weights + unknowns.count());
+    // The normal matrix is in prepared units, the residuals are not.
+    let scale = scatter.scale(free_weights + unknowns.count()) / prepared.unit2.sqrt();
     let (sigma, loose, least_eigenvalue) = standard_errors(&normal.hessian, &unknowns.at_bound(), scale);
     let place = |list: &[f64], i: usize| unknowns.place(i / PER_MATERIAL, i % PER_MATERIAL).map(|p| list[p]);
     let parameters = 0..PER_MATERIAL * mixture.materials.len();
@@ -114,7 +114,8 @@ impl Scatter {
 
     fn add(&mut self, recipe: &Recipe<'_>, sample: &Sample, gamma: &[f64], mixture: &Mixture) {
         let model = predict(recipe.lobe, &mixture.materials, gamma, sample);
-        let (weights, scale) = residual_units(recipe.objective, sample, recipe.brightness);
+        let weights = recipe.objective.weights(sample);
+        let scale = recipe.objective.cauchy_scale(recipe.brightness);
         for c in 0..3 {
             let residual2 = weights[c] * (sample.radiance[c] - model[c]).powi(2);
             let ratio = scale.map_or(0.0, |s| residual2 / (s * s));
@@ -135,20 +136,14 @@ impl Scatter {
     }
 }
 
-/// Weight of each squared residual in prepared units, and Cauchy's scale in the same.
-fn residual_units(objective: Objective, sample: &Sample, brightness: f64) -> ([f64; 3], Option<f64>) {
-    let unit = if objective.measure == Measure::Absolute { brightness } else { 1.0 };
-    let deviation = if objective.measure == Measure::Noise { 1.0 } else { MODEL_FLOOR };
-    let weights = objective.weights(sample).map(|w| w / (unit * unit));
-    (weights, objective.cauchy.then_some(CAUCHY_SCALE * deviation))
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::numerics::brdf::ward::Ward;
+    use crate::numerics::fit::objective::Objective;
     use crate::numerics::fit::observations::{Sample, tests::synthetic};
+    use crate::numerics::fit::prepared::brightness;
     use crate::numerics::fit::solver::{Task, by_name};
     use crate::numerics::fit::weights::WeightRule;
     use rand::{SeedableRng, rngs::StdRng};
@@ -195,6 +190,29 @@ mod tests {
                     "{objective:?}: pulls of parameter {k} have rms {}",
                     square.sqrt()
                 );
+            }
+        }
+    }
+
+    /// The unit of radiance is nobody's business: a thousand times brighter, the same relative errors.
+    #[test]
+    fn standard_errors_do_not_depend_on_the_unit_of_radiance() {
+        let (clean, mut truth) = synthetic(150, 2, 43);
+        truth.materials[0].beta *= 1.02;
+        let thousand = |v: [f64; 3]| v.map(|v| 1000.0 * v);
+        let (bright, _) = clean.changed(1, |_, s| {
+            Some(Sample { radiance: thousand(s.radiance), irradiance: thousand(s.irradiance), variance: [0.0; 3], ..s })
+        });
+        let (plain, _) = clean.changed(1, |_, s| Some(Sample { variance: [0.0; 3], ..s }));
+        for (_, objective) in Objective::ALL {
+            let of = |observations: &Observations| {
+                let recipe = Recipe { lobe: &Ward, objective, brightness: brightness(observations) };
+                uncertainty(&recipe, &truth, Colour::Coloured, Sign::NonNegative, observations).alpha
+            };
+            for (a, b) in of(&plain).iter().zip(of(&bright)) {
+                assert_eq!(a.is_some(), b.is_some());
+                let (a, b) = (a.unwrap_or(1.0), b.unwrap_or(1.0));
+                assert!((a / b - 1.0).abs() < 0.02, "{}: {a} and {b}", objective.name());
             }
         }
     }

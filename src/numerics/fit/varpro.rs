@@ -32,10 +32,9 @@ pub(super) const COARSE: (usize, usize) = (384, 3000);
 /// they lived on negative weights.
 const FREE_COST: f64 = 0.03;
 
-/// When the first search, the second, those without a light, and the last one stop.
+/// When the first search, the second, and the last one stop.
 pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
 const MEDIUM_STOP: Stop = Stop { relative_decrease: 1e-5, iterations: 40 };
-pub(super) const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
 const FINE_STOP: Stop = Stop { relative_decrease: 1e-8, iterations: 200 };
 
 /// Where a search over BRDF parameters ended.

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 pub enum WeightRule {
     /// Paper Eq. 10 as printed: gamma >= 0 and sum gamma <= 1.
     Paper,
-    /// gamma >= 0 only: the sum is a gauge that is fixed after the solve (METHOD 6).
+    /// gamma >= 0 only: the sum is a gauge that is fixed after the solve.
     Exact,
 }
 

@@ -7,7 +7,7 @@ use super::csv;
 use super::median;
 use super::method::Method;
 use super::scene::Scene;
-use super::score::score;
+use super::score::{Score, score};
 use crate::numerics::fit::objective::Objective;
 use crate::pipeline::fit::FitOptions;
 use crate::pipeline::judged::fit_observations;
@@ -73,6 +73,8 @@ pub fn run(plan: &Plan) -> Vec<Bar> {
     for (name, scene) in [("marble", Scene::marble()), ("wood", Scene::wood())] {
         let scene = Scene { points: plan.points.unwrap_or(scene.points), ..scene };
         let all: Vec<Measured> = (0..plan.seeds).into_par_iter().filter_map(|seed| measure(&scene, seed)).collect();
+        let refused = plan.seeds - all.len() as u64;
+        bars.push(Bar::new(format!("{name}: seeds that were not fitted"), refused as f64, 0.0, 0.0));
         of_scene(&mut bars, name, &all, plan.seeds);
     }
     bars.push(count(plan));
@@ -145,9 +147,9 @@ fn stack(bars: &mut Vec<Bar>, plan: &Plan) {
 }
 
 fn compare(bars: &mut Vec<Bar>, problems: &[super::scene::Problem], method: &Method) {
-    let scores = problems.par_iter().filter_map(|problem| {
-        let solution = method.solve(&problem.observations, 2).ok()?;
-        Some(score(super::method::LOBE, problem, &solution.mixture))
+    let scores = problems.par_iter().map(|problem| {
+        let solution = method.solve(&problem.observations, 2);
+        solution.map_or(Score::FAILURE, |found| score(super::method::LOBE, problem, &found.mixture))
     });
     let scores: Vec<_> = scores.collect();
     let name = format!("imperfect rig: {} {}", method.solver_label(), method.objective.name());
