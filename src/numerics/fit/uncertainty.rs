@@ -9,6 +9,7 @@ use super::kernel::{self, PER_MATERIAL, Sign};
 use super::observations::{Observations, Sample};
 use super::prepared::{Prepared, Recipe};
 use super::unknowns::{Colour, Unknowns};
+use super::varpro::{degrees_of_freedom, loosen};
 use super::{CHUNK, predict};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -38,7 +39,12 @@ pub fn uncertainty(
     sign: Sign,
     observations: &Observations,
 ) -> Uncertainty {
-    let prepared = Prepared::new(observations, recipe);
+    let mut prepared = Prepared::new(observations, recipe);
+    if sign == Sign::Slack {
+        let (_, cost) = kernel::weights(&prepared, &mixture.materials, Sign::NonNegative);
+        let variance = cost / degrees_of_freedom(observations, mixture.materials.len());
+        loosen(&mut prepared, &mixture.materials, variance);
+    }
     let unknowns = Unknowns::new(&mixture.materials, colour);
     let normal = unknowns.reduce(&kernel::normal(&prepared, &mixture.materials, sign));
     let free_weights = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();

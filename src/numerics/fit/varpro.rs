@@ -2,9 +2,9 @@
 //! parameters alone (`varpro`), or over those of a part of the points (`subset`).
 //!
 //! Non-negative weights clip the noise of points that lack a material on one side, and the rest of it biases the
-//! parameters by many standard errors. Free weights do not; but where the data do not tell the materials apart they run
-//! wild. So the parameters found with free weights are taken only if they stand up to left-out lights, and to
-//! non-negative weights.
+//! parameters by many standard errors. Free weights do not; but where only the sign of the weights tells the materials
+//! apart they run wild. So the parameters are found once more with weights that may fall as far below zero as noise takes
+//! them, and taken if they predict left-out lights better; the weights themselves are never negative.
 
 use super::folds::left_out_errors;
 use super::initialise::{Class, classes};
@@ -27,10 +27,6 @@ const SPECULAR_START: f64 = 0.1;
 
 /// Points of the first search, from several starts, and of the second.
 pub(super) const COARSE: (usize, usize) = (384, 3000);
-
-/// By how much parameters found with free weights may fit worse, relative, once the weights are made non-negative: beyond it
-/// they lived on negative weights.
-const FREE_COST: f64 = 0.03;
 
 /// When the first search, the second, and the last one stop.
 pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
@@ -167,7 +163,7 @@ pub struct AlphaFit {
     pub notes: Vec<String>,
 }
 
-/// BRDF parameters from coarse to fine, then with free weights if left-out lights say so.
+/// BRDF parameters from coarse to fine, then with slack for the weights if left-out lights say so.
 pub fn fit_alpha(observations: &Observations, task: &Task, recipe: &Recipe<'_>, progress: OnIteration<'_>) -> AlphaFit {
     // Evenly spread parts of a stratified choice are stratified.
     let some = observations.select(&stratified(observations, task.materials, COARSE.1));
@@ -193,54 +189,52 @@ pub fn descend(
         cancelled |= progress(iterations, next.cost).is_break();
         next
     };
-    let medium = Prepared::new(some, recipe);
+    let mut medium = Prepared::new(some, recipe);
     found = stage(&medium, &found, Sign::NonNegative, MEDIUM_STOP);
     let (mut sign, mut notes) = (Sign::NonNegative, Vec::new());
-    // A single material's weights are never negative: there is nothing to free.
+    let variance = found.cost / degrees_of_freedom(some, task.materials);
+    // A single material's weights are never negative: there is nothing to loosen.
     if task.materials > 1 {
-        let free = stage(&medium, &found, Sign::Free, MEDIUM_STOP);
-        match refusal_of_free_weights(some, &medium, recipe, [&found.materials, &free.materials]) {
-            None => (sign, found) = (Sign::Free, free),
+        loosen(&mut medium, &found.materials, variance);
+        let loose = stage(&medium, &found, Sign::Slack, MEDIUM_STOP);
+        match refusal_of_slack(some, &medium, recipe, [&found.materials, &loose.materials]) {
+            None => (sign, found) = (Sign::Slack, loose),
             Some(reason) => notes.push(format!("{reason}: the parameters were found with weights >= 0")),
         }
     }
-    let whole = if some.points() == observations.points() { medium } else { Prepared::new(observations, recipe) };
-    let before = found.clone();
-    // Free weights converge in few steps; the last digits of a biased optimum are not worth many.
-    found = stage(&whole, &before, sign, if sign == Sign::Free { FINE_STOP } else { MEDIUM_STOP });
-    // Along a direction the data do not see, free weights may still have run away.
-    if sign == Sign::Free && rise(&whole, &before.materials, &found.materials) > FREE_COST {
-        sign = Sign::NonNegative;
-        notes.push("free weights ran away: the parameters were found with weights >= 0".to_owned());
-        found = stage(&whole, &before, sign, MEDIUM_STOP);
+    let mut whole = if some.points() == observations.points() { medium } else { Prepared::new(observations, recipe) };
+    if sign == Sign::Slack {
+        loosen(&mut whole, &found.materials, variance);
     }
+    // Weights with slack converge in few steps; the last digits of a biased optimum are not worth many.
+    found = stage(&whole, &found, sign, if sign == Sign::Slack { FINE_STOP } else { MEDIUM_STOP });
     found.iterations = iterations;
     AlphaFit { found, sign, cancelled, notes }
 }
 
-/// By how much `to` fits worse than `from` with non-negative weights, relative.
-fn rise(prepared: &Prepared, from: &[Material], to: &[Material]) -> f64 {
-    let cost = |materials: &[Material]| kernel::weights(prepared, materials, Sign::NonNegative).1;
-    cost(to) / cost(from) - 1.0
+/// Lets the weights that `materials` leave fall as far below zero as noise takes them.
+pub fn loosen(prepared: &mut Prepared, materials: &[Material], residual_variance: f64) {
+    let deviations = kernel::deviations(prepared, materials, Sign::Free);
+    prepared.loosen(&deviations, materials.len(), residual_variance);
 }
 
-/// Why the parameters found with free weights are not to be taken instead of those found with non-negative ones; none if
-/// they are. With the non-negative weights that are used in the end they must fit hardly worse, and predict left-out lights
-/// no worse.
-fn refusal_of_free_weights(
+/// Residuals less weights, at least 1.
+pub fn degrees_of_freedom(observations: &Observations, materials: usize) -> f64 {
+    (3 * observations.samples()).saturating_sub(materials * observations.points()).max(1) as f64
+}
+
+/// Why the parameters found with slack are not to be taken instead of those found with non-negative weights; none if they
+/// are. With the non-negative weights that are used in the end they must predict left-out lights better.
+fn refusal_of_slack(
     observations: &Observations,
     prepared: &Prepared,
     recipe: &Recipe<'_>,
-    [bounded, free]: [&[Material]; 2],
+    [bounded, loose]: [&[Material]; 2],
 ) -> Option<String> {
-    let rise = rise(prepared, bounded, free);
-    if rise.is_nan() || rise >= FREE_COST {
-        return Some(format!("free weights fit {:.0} % worse once they are made non-negative", 100.0 * rise));
-    }
-    match left_out_errors(observations, prepared, recipe.lobe, [bounded, free]) {
-        Some([bounded, free]) if free < bounded => None,
-        Some(_) => Some("free weights predicted left-out lights worse".to_owned()),
-        None => Some("no light can be left out to judge free weights".to_owned()),
+    match left_out_errors(observations, prepared, recipe.lobe, [bounded, loose]) {
+        Some([bounded, loose]) if loose < bounded => None,
+        Some(_) => Some("weights with slack predicted left-out lights worse".to_owned()),
+        None => Some("no light can be left out to judge weights with slack".to_owned()),
     }
 }
 

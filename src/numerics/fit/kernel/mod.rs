@@ -29,6 +29,8 @@ pub(super) const REWEIGHTINGS: usize = 2;
 pub enum Sign {
     /// gamma >= 0, exactly, by trying every set of positive weights.
     NonNegative,
+    /// As far below zero as noise makes of zero ([`Prepared::loosen`]), exactly.
+    Slack,
     /// No constraint: a weight may be negative.
     Free,
 }
@@ -187,7 +189,7 @@ impl Pass<'_> {
             let rows = prepared.block(block);
             scratch.resize(rows.len());
             for part in 0..LANES / V::WIDTH {
-                let point = Point { rows, part, alpha: &alpha, sign };
+                let point = Point { rows, part, alpha: &alpha, sign, floor: prepared.floor(block) };
                 point.lobes(prepared.family, &mut scratch);
                 if let Some(scale) = prepared.cauchy {
                     point.reweight(scale, &mut scratch);
@@ -195,12 +197,12 @@ impl Pass<'_> {
                 match &mut out {
                     Out::Normal(_) => point.normal(prepared.cauchy, &scratch, &mut totals),
                     Out::Weights(gamma, cost) => {
-                        let found = point.quadratic(&scratch).minimise(sign).gamma;
+                        let found = point.minimise(&point.quadratic(&scratch)).gamma;
                         accumulate(cost, part, point.cost(prepared.cauchy, &scratch, &found));
                         scatter(&found, part, index, gamma);
                     }
                     Out::Deviations(sigma) => {
-                        let minimum = point.quadratic(&scratch).minimise(sign);
+                        let minimum = point.minimise(&point.quadratic(&scratch));
                         scatter(&minimum.deviations(), part, index, sigma);
                     }
                 }

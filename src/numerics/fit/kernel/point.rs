@@ -3,6 +3,7 @@
 use super::quadratic::{Minimum, Quadratic};
 use super::{Alpha, PER_MATERIAL, REWEIGHTINGS, Scratch, Sign, Totals, triangle};
 use crate::numerics::brdf::Family;
+use crate::numerics::fit::MAX_MATERIALS;
 use crate::numerics::fit::prepared::ReadyRow;
 use crate::numerics::simd::{Lane, Vector};
 use std::f32::consts::FRAC_1_PI;
@@ -13,9 +14,27 @@ pub(super) struct Point<'a, const M: usize> {
     pub part: usize,
     pub alpha: &'a Alpha<M>,
     pub sign: Sign,
+    /// Least weights under [`Sign::Slack`].
+    pub floor: Option<&'a [Lane; MAX_MATERIALS]>,
 }
 
 impl<const M: usize> Point<'_, M> {
+    /// The best weights.
+    #[inline(always)]
+    pub(super) fn minimise<V: Vector>(&self, quadratic: &Quadratic<V, M>) -> Minimum<V, M> {
+        match (self.sign, self.floor) {
+            (Sign::Free, _) => quadratic.stationary((1 << M) - 1).0,
+            (Sign::Slack, Some(floor)) => {
+                let mut least = [V::splat(0.0); M];
+                for m in 0..M {
+                    least[m] = V::load(&floor[m], self.part);
+                }
+                quadratic.minimise_above(&least)
+            }
+            (Sign::NonNegative, _) | (Sign::Slack, None) => quadratic.minimise(),
+        }
+    }
+
     /// Evaluates every lobe at every row.
     #[inline(always)]
     pub(super) fn lobes<V: Vector, const B: usize, const T: usize>(
@@ -164,7 +183,7 @@ impl<const M: usize> Point<'_, M> {
         let inverse = V::splat(1.0 / (scale * scale));
         scratch.robust.iter_mut().for_each(|robust| *robust = [one; 3]);
         for _ in 0..REWEIGHTINGS {
-            let gamma = self.quadratic(scratch).minimise(self.sign).gamma;
+            let gamma = self.minimise(&self.quadratic(scratch)).gamma;
             for (row, (basis, robust)) in self.rows.iter().zip(scratch.basis.iter().zip(&mut scratch.robust)) {
                 for c in 0..3 {
                     let e = V::load(&row.irradiance[c], self.part);
@@ -192,7 +211,7 @@ impl<const M: usize> Point<'_, M> {
             self.add_channel(c, &gram, &seen, &mut q);
             grams[c] = gram;
         }
-        let minimum = q.minimise(self.sign);
+        let minimum = self.minimise(&q);
         self.add_residuals(cauchy, scratch, &minimum, totals);
         let coupling = self.coupling(&grams, &minimum);
         self.add_schur(&coupling, totals);

@@ -1,6 +1,6 @@
 //! The weights of a point: a quadratic in at most four unknowns, minimised exactly.
 
-use super::{PIVOT, Sign};
+use super::PIVOT;
 use crate::numerics::simd::Vector;
 
 /// The quadratic in the weights: gamma' g gamma - 2 b' gamma.
@@ -64,7 +64,7 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
 
     /// The stationary point over `support`, and by how much it lowers the quadratic.
     #[inline(always)]
-    fn stationary(&self, support: usize) -> (Minimum<V, M>, V) {
+    pub(super) fn stationary(&self, support: usize) -> (Minimum<V, M>, V) {
         let (factor, free) = self.factor(support);
         let mut z = self.b;
         for m in 0..M {
@@ -79,13 +79,26 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
         (Minimum { gamma, free, factor }, gain)
     }
 
-    /// The minimiser under `sign`.
+    /// The minimiser with no weight below `least`.
     #[inline(always)]
-    pub(super) fn minimise(&self, sign: Sign) -> Minimum<V, M> {
-        let all = (1 << M) - 1;
-        if sign == Sign::Free {
-            return self.stationary(all).0;
+    pub(super) fn minimise_above(&self, least: &[V; M]) -> Minimum<V, M> {
+        let mut above = Self { g: self.g, b: self.b };
+        for m in 0..M {
+            for k in 0..M {
+                above.b[m] = above.b[m] - self.g[m.max(k)][m.min(k)] * least[k];
+            }
         }
+        let mut found = above.minimise();
+        for m in 0..M {
+            found.gamma[m] = found.gamma[m] + least[m];
+        }
+        found
+    }
+
+    /// The minimiser with no weight below zero.
+    #[inline(always)]
+    pub(super) fn minimise(&self) -> Minimum<V, M> {
+        let all = (1 << M) - 1;
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
         let mut best = self.stationary(0).0;
         let mut most = zero;
