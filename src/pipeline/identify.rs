@@ -15,6 +15,9 @@ const WEAK_ERROR: f64 = 0.25;
 /// A weight above this counts as presence of a material.
 const PRESENT: f64 = 0.05;
 
+/// Samples near the half vector below which a lobe is narrower than the points lie apart.
+const LEAST_NEAR: usize = 20;
+
 /// Reduced chi^2 above which the model does not describe the data: standard errors no longer hold.
 pub const MISFIT: f64 = 2.0;
 
@@ -209,6 +212,11 @@ fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations, seen: &S
     }
     if near == 0 {
         return Some((Identified::Unidentified, "no sample within 2 beta of the half vector".to_owned()));
+    }
+    if near < LEAST_NEAR {
+        let reason =
+            format!("only {near} samples within 2 beta of the half vector: the lobe is narrower than the points");
+        return Some((Identified::Weak, reason));
     }
     let (highlights, lost) = (seen.highlights, observations.unusable_highlight);
     if highlights == 0 && lost > 0 {

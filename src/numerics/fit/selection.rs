@@ -183,16 +183,17 @@ impl Choice<'_> {
         }
     }
 
+    /// One material more at a time; where that does not pay, two more may: between one and three, two explain little.
     fn more_materials(&mut self) -> ControlFlow<()> {
-        while self.best().materials < MAX_MATERIALS {
+        let mut materials = self.best().materials + 1;
+        while materials <= (self.best().materials + 2).min(MAX_MATERIALS) {
             let best = self.best();
-            if !carried(&self.scene.points, best.materials + 1, best.colour, false) {
+            if !carried(&self.scene.points, materials, best.colour, false) {
                 break;
             }
-            let next = self.scene.evaluate(best.materials + 1, best.lobe, best.colour);
-            if !self.attempt(next, worth(MATERIAL_GAIN, "one material more"))? {
-                break;
-            }
+            let next = self.scene.evaluate(materials, best.lobe, best.colour);
+            self.attempt(next, worth(MATERIAL_GAIN, "more materials", Highlights::KeptOrBic))?;
+            materials += 1;
         }
         ControlFlow::Continue(())
     }
@@ -210,12 +211,12 @@ impl Choice<'_> {
         let start = self.best();
         for &lobe in brdf::MODELS.iter().filter(|lobe| lobe.has_lobe() && lobe.name() != start.lobe.name()) {
             let next = self.scene.evaluate(start.materials, lobe, start.colour);
-            self.attempt(next, worth(GAIN, "this model"))?;
+            self.attempt(next, worth(GAIN, "this model", Highlights::Kept))?;
         }
         let best = self.best();
         if fewer && best.lobe.name() != start.lobe.name() && best.materials > 1 {
             let next = self.scene.evaluate(best.materials - 1, best.lobe, best.colour);
-            self.attempt(next, worth(-LOSS, "one material fewer"))?;
+            self.attempt(next, worth(-LOSS, "one material fewer", Highlights::Kept))?;
         }
         ControlFlow::Continue(())
     }
@@ -225,7 +226,7 @@ impl Choice<'_> {
             let best = self.best();
             let lobe: &'static dyn Lobe = if colour == Colour::None { &brdf::lambert::Lambert } else { best.lobe };
             let next = self.scene.evaluate(best.materials, lobe, colour);
-            if !self.attempt(next, worth(-LOSS, "a simpler lobe"))? {
+            if !self.attempt(next, worth(-LOSS, "a simpler lobe", Highlights::Kept))? {
                 break;
             }
         }
@@ -235,7 +236,7 @@ impl Choice<'_> {
     fn light_gains(&mut self, wished: bool) -> ControlFlow<()> {
         let best = self.best();
         let next = self.scene.evaluate_with_gains(&best);
-        let accept = worth(GAIN, "light gains");
+        let accept = worth(GAIN, "light gains", Highlights::Kept);
         self.attempt(next, |new, old| if wished { Ok("asked for".to_owned()) } else { accept(new, old) })?;
         ControlFlow::Continue(())
     }
@@ -250,8 +251,21 @@ impl Choice<'_> {
     }
 }
 
+/// What left-out highlights have to say.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Highlights {
+    /// What is taken may not lose them.
+    Kept,
+    /// It may where BIC wants it: too few materials have the highlights of none.
+    KeptOrBic,
+}
+
 /// Accepts what lowers the left-out error by the part `gain`, or raises it by less than `-gain`.
-fn worth(gain: f64, what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
+fn worth(
+    gain: f64,
+    what: &'static str,
+    highlights: Highlights,
+) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
     move |new, old| {
         let change = new.bic - old.bic;
         if !new.error().is_finite() || !old.error().is_finite() {
@@ -263,7 +277,8 @@ fn worth(gain: f64, what: &'static str) -> impl Fn(&Candidate, &Candidate) -> Re
         let error = format!("{what}: {:+.1} % left-out error", 100.0 * (new.error() / old.error() - 1.0));
         let asked = if gain < 0.0 { "may rise by" } else { "must fall by" };
         let asked = format!("{asked} {:.1} %", 100.0 * gain.abs());
-        match (better, new.loses_highlights(old)) {
+        let loss = new.loses_highlights(old).filter(|_| highlights == Highlights::Kept || change >= 0.0);
+        match (better, loss) {
             (true, None) => Ok(format!("{error}, taken ({asked}); {bic}")),
             (true, Some(loss)) => {
                 Err(format!("{error}, but {:+.0} % on left-out highlights, refused; {bic}", 100.0 * loss))
