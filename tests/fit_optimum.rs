@@ -15,20 +15,32 @@ use rigd::numerics::fit::varpro::{multi_start, search};
 use rigd::numerics::geometry::Angles;
 use serde::Deserialize;
 
-/// By how much the cost of the parameters found here may exceed the optimum, relative. The product stops where the linear
-/// model promises less than 1e-9; a Gauss-Newton step that gains so little leaves still less, and an order is left to f32.
-const EXCESS: f64 = 1e-8;
-
-/// How far a parameter or weight may lie from the optimum, in its own standard errors. Near the optimum the cost exceeds it
-/// by s^2 d' C^-1 d for an offset d, a covariance s^2 C and s^2 = cost / freedom, and d' C^-1 d is at least the square of the
-/// offset of any one parameter in standard errors. So an excess of 1e-8 lets none lie farther off than
-/// sqrt(1e-8 * freedom), 0.004 with the 1 500 degrees of freedom here.
-const OFFSET: f64 = 0.005;
-
 /// How far the cost the f32 pass reports may lie from that of the same parameters in f64, relative. A residual is the
 /// difference of two numbers near 50 (radiance over its 2 % error) known to some 1e-7 each: off by 5e-6. Twice its product
-/// with the residual, summed over n samples with random signs, is 1e-5 sqrt(n) of a cost of n: 3e-7 with n = 1 300.
+/// with the residual, summed over n of them with random signs, is 1e-5 sqrt(n) of a cost of n: 3e-7 with n = 1 300, three
+/// times which is allowed.
 const REPORTED: f64 = 1e-6;
+
+/// Where a search stops, and by how much the cost of its parameters in f64 may then exceed the optimum, relative.
+///
+/// At 1e-6 the last step is taken unseen when it promises less than 1e-7. Kaufman's form leaves a tenth of the offset after a
+/// step here (spectral radius 0.06 to 0.10), a hundredth of the cost: 1e-9. Rounding of the sums comes on top: over 40
+/// orders of the points the worst was 9e-9.
+/// At 1e-8, where the solvers stop, the search follows differences of the reported cost that are rounding (see [`REPORTED`]):
+/// it takes any step that seems to lower the cost, and the true cost may rise by as much as one deviation of that noise. The
+/// worst of 40 orders was 8e-8.
+const STOPS: [(f64, f64); 2] = [(1e-6, 2e-8), (1e-8, 3e-7)];
+
+/// No parameter may lie farther off than this in its own standard errors, whatever the stop allows.
+const OFFSET: f64 = 0.05;
+
+/// How far a parameter or weight may lie from the optimum, in its own standard errors, if the cost exceeds the optimum by
+/// `excess`, relative. Near the optimum the excess is d' H d for an offset d, where s^2 / H is the covariance and s^2 the cost
+/// over the degrees of freedom; and d' H d / s^2 is at least the square of the offset of any one parameter in standard
+/// errors.
+fn permitted(excess: f64, freedom: usize) -> f64 {
+    (excess * freedom as f64).sqrt()
+}
 
 #[derive(Deserialize)]
 struct Scene {
@@ -49,6 +61,8 @@ struct Optima {
 #[derive(Deserialize)]
 struct Optimum {
     cost: f64,
+    /// Parameters and weights that are free.
+    unknowns: usize,
     /// Per material: rho_d and rho_s over the largest rho_d, ln(beta).
     alpha: Vec<[f64; 7]>,
     /// Their standard errors; 0 for what fixes the gauge.
@@ -90,60 +104,60 @@ fn best_cost(lobe: &dyn Lobe, materials: &[Material], samples: &[Sample], sign: 
     }
 }
 
-/// Offset in standard errors; what has none is fixed.
-#[track_caller]
-fn agree(found: f64, known: f64, error: f64, what: &str) -> f64 {
-    let offset = (found - known).abs() / error.max(1e-9);
-    assert!(offset < OFFSET, "{what}: {found} here, {known} there, {offset:.1e} standard errors apart");
-    offset
-}
-
-fn compare(scene: &Scene, sign: Sign) {
-    let known = match sign {
+fn known(scene: &Scene, sign: Sign) -> &Optimum {
+    match sign {
         Sign::Free => &scene.optima.free,
         Sign::NonNegative => &scene.optima.non_negative,
-    };
+    }
+}
+
+/// Largest offset of a parameter or weight from the optimum, in its standard errors; what has none may not move.
+fn offset(materials: &[Material], gamma: &[f64], known: &Optimum) -> f64 {
+    let off = |found: f64, known: f64, error: f64| (found - known).abs() / error.max(1e-9);
+    // Classes may come in another order than the materials of the scene, which differ in roughness.
+    let same = (materials[0].beta < materials[1].beta) == (known.alpha[0][6] < known.alpha[1][6]);
+    let mut most = 0.0_f64;
+    for there in 0..2 {
+        let here = if same { there } else { 1 - there };
+        let material = &materials[here];
+        let largest = material.rho_d.iter().copied().fold(0.0, f64::max);
+        let ratios = material.rho_d.iter().chain(&material.rho_s).map(|rho| rho / largest);
+        for (k, value) in ratios.chain([material.beta.ln()]).enumerate() {
+            most = most.max(off(value, known.alpha[there][k], known.alpha_error[there][k]));
+        }
+        for (weights, (products, errors)) in gamma.chunks(2).zip(known.products.iter().zip(&known.products_error)) {
+            most = most.max(off(weights[here] * largest, products[there], errors[there]));
+        }
+    }
+    most
+}
+
+fn reaches_the_optimum(scene: &Scene, sign: Sign) {
+    let known = known(scene, sign);
     let (lobe, observations) = (brdf::by_name(&scene.model).unwrap(), observations(scene));
     let recipe = Recipe { lobe, objective: Objective::NOISE, brightness: brightness(&observations) };
     let prepared = Prepared::new(&observations, &recipe);
     let start = multi_start(&observations, &recipe, 2, Colour::Coloured);
-    let stop = Stop { relative_decrease: 1e-8, iterations: 200 };
-    let found = search(&prepared, &start.materials, Colour::Coloured, sign, stop);
-    let what = format!("{} {sign:?}", scene.model);
-    assert!(found.converged, "{what}");
-
-    let samples = |point| observations.of(point).collect::<Vec<Sample>>();
-    let cost: f64 = (0..observations.points()).map(|p| best_cost(lobe, &found.materials, &samples(p), sign)).sum();
-    let excess = cost / known.cost - 1.0;
-    // No parameters at all cost less than the optimum, but for rounding in f64.
-    assert!((-1e-12..EXCESS).contains(&excess), "{what}: excess of the cost {excess:.1e}");
-    let reported = found.cost / cost - 1.0;
-    assert!(reported.abs() < REPORTED, "{what}: reported cost off by {reported:.1e}");
-
-    let (gamma, _) = kernel::weights(&prepared, &found.materials, sign);
-    let largest: Vec<f64> = found.materials.iter().map(|m| m.rho_d.iter().copied().fold(0.0, f64::max)).collect();
-    // Classes may come in another order than the materials of the scene, which differ in roughness.
-    let same = (found.materials[0].beta < found.materials[1].beta) == (known.alpha[0][6] < known.alpha[1][6]);
-    let mut most = [0.0_f64; 2];
-    for there in 0..2 {
-        let here = if same { there } else { 1 - there };
-        let material = &found.materials[here];
-        let ratios = material.rho_d.iter().chain(&material.rho_s).map(|rho| rho / largest[here]);
-        for (k, value) in ratios.chain([material.beta.ln()]).enumerate() {
-            let what = format!("{what}: parameter {k} of material {there}");
-            most[0] = most[0].max(agree(value, known.alpha[there][k], known.alpha_error[there][k], &what));
-        }
-        for point in 0..observations.points() {
-            let product = gamma[2 * point + here] * largest[here];
-            let what = format!("{what}: weight {there} of point {point}");
-            let (value, error) = (known.products[point][there], known.products_error[point][there]);
-            most[1] = most[1].max(agree(product, value, error, &what));
-        }
+    for (relative_decrease, most) in STOPS {
+        let stop = Stop { relative_decrease, iterations: 200 };
+        let found = search(&prepared, &start.materials, Colour::Coloured, sign, stop);
+        let what = format!("{} {sign:?}, stop {relative_decrease:e}", scene.model);
+        assert!(found.converged, "{what}");
+        let of_point = |point| {
+            let samples: Vec<Sample> = observations.of(point).collect();
+            best_cost(lobe, &found.materials, &samples, sign)
+        };
+        let cost: f64 = (0..observations.points()).map(of_point).sum();
+        let (excess, reported) = (cost / known.cost - 1.0, found.cost / cost - 1.0);
+        let (gamma, _) = kernel::weights(&prepared, &found.materials, sign);
+        let offset = offset(&found.materials, &gamma, known);
+        println!("{what}: {} steps, excess {excess:.1e}, f32 {reported:.1e}, offset {offset:.1e}", found.iterations);
+        // No parameters at all cost less than the optimum, but for rounding in f64.
+        assert!((-1e-12..most).contains(&excess), "{what}: excess of the cost {excess:.1e}");
+        assert!(reported.abs() < REPORTED, "{what}: reported cost off by {reported:.1e}");
+        let permitted = permitted(most, 3 * observations.samples() - known.unknowns);
+        assert!(offset < permitted.min(OFFSET), "{what}: {offset:.1e} standard errors off, {permitted:.1e} permitted");
     }
-    println!(
-        "{what}: {} steps, excess {excess:.1e}, reported {reported:.1e}, parameters within {:.1e}, weights within {:.1e}",
-        found.iterations, most[0], most[1]
-    );
 }
 
 fn scenes() -> Vec<Scene> {
@@ -152,10 +166,10 @@ fn scenes() -> Vec<Scene> {
 
 #[test]
 fn free_weights_reach_the_joint_optimum() {
-    scenes().iter().for_each(|scene| compare(scene, Sign::Free));
+    scenes().iter().for_each(|scene| reaches_the_optimum(scene, Sign::Free));
 }
 
 #[test]
 fn non_negative_weights_reach_the_joint_optimum() {
-    scenes().iter().for_each(|scene| compare(scene, Sign::NonNegative));
+    scenes().iter().for_each(|scene| reaches_the_optimum(scene, Sign::NonNegative));
 }
