@@ -65,6 +65,7 @@ oracle: $(TARGET)/oracle/installed
 	$(heading) 'the fit and the BRDF models against independent scripts'
 	@'$(TARGET)/oracle/bin/python' tests/oracle/zheng2008.py --check
 	@'$(TARGET)/oracle/bin/python' tests/oracle/brdf.py --check
+	@'$(TARGET)/oracle/bin/python' tests/oracle/varpro.py --check
 
 $(TARGET)/oracle/installed: tests/oracle/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/oracle'

@@ -5,7 +5,7 @@ use super::*;
 use crate::numerics::brdf::{self, Lobe};
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
-use crate::numerics::fit::observations::tests::synthetic;
+use crate::numerics::fit::observations::tests::{noisy, synthetic};
 use crate::numerics::fit::prepared::{Recipe, brightness};
 use crate::numerics::fit::weights::{WeightRule, solve_weights};
 use crate::numerics::fit::{Mixture, alpha};
@@ -103,4 +103,52 @@ fn cauchy_bounds_the_pull_of_an_outlier() {
     };
     let (plain, robust) = (weight(Objective::NOISE), weight(Objective::NOISE_CAUCHY));
     assert!((plain - 1.0).abs() > 5.0 * (robust - 1.0).abs(), "plain {plain}, robust {robust}");
+}
+
+/// [`deviations`] of the first chunk with a given instruction set.
+fn deviations_at(level: Level, prepared: &Prepared, materials: &[Material], sign: Sign) -> Vec<f64> {
+    let mut sigma = vec![0.0; CHUNK * materials.len()];
+    let blocks = 0..prepared.blocks().min(BLOCKS);
+    level.run(Pass { prepared, materials, sign, blocks, out: Out::Deviations(&mut sigma) });
+    sigma
+}
+
+/// Every number of every pass is the same to the bit with every instruction set.
+#[test]
+fn instruction_sets_do_not_change_a_bit() {
+    let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+    // More than a chunk, and lanes left over.
+    let (exact, truth) = synthetic(CHUNK + 45, 3, 73);
+    let observations = noisy(&exact, 0.2, 73);
+    let mut four = materials(&truth.materials);
+    four.push(Material { rho_d: [0.2, 0.3, 0.1], rho_s: [0.04, 0.02, 0.0], beta: 0.4 });
+    let mut negative = false;
+    for model in ["ward", "ggx", "lambert"] {
+        let lobe = brdf::by_name(model).unwrap();
+        for objective in [Objective::NOISE, Objective::NOISE_CAUCHY] {
+            let recipe = Recipe { lobe, objective, brightness: brightness(&observations) };
+            let prepared = Prepared::new(&observations, &recipe);
+            for (count, sign) in (1..=4).flat_map(|count| [(count, Sign::NonNegative), (count, Sign::Free)]) {
+                let run = |level| {
+                    let sums = normal_at(level, &prepared, &four[..count], sign);
+                    let (gamma, cost) = weights_at(level, &prepared, &four[..count], sign);
+                    let sigma = deviations_at(level, &prepared, &four[..count], sign);
+                    [vec![sums.cost, cost], sums.gradient, sums.hessian, gamma, sigma]
+                };
+                let scalar = run(Level::Scalar);
+                negative |= scalar[3].iter().any(|weight| *weight < 0.0);
+                assert!(
+                    scalar.iter().flatten().all(|value| value.is_finite()),
+                    "{model} {objective:?} {count} {sign:?}"
+                );
+                for level in Level::available() {
+                    for (k, (wide, narrow)) in run(level).iter().zip(&scalar).enumerate() {
+                        let what = format!("{level:?} {model} {objective:?} {count} {sign:?}, result {k}");
+                        assert!(bits(wide) == bits(narrow), "{what}");
+                    }
+                }
+            }
+        }
+    }
+    assert!(negative, "free weights were never negative: the two signs were not told apart");
 }
