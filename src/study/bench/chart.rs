@@ -34,7 +34,9 @@ pub fn draw(entries: &[Entry]) -> Result<Figure, ChartError> {
     figure.upward([left - 58.0, middle[1]], "processor time, median (s)", Font::plain(14.0), Anchor::Middle);
     for (index, curve) in curves.iter().enumerate() {
         let label = [left + 20.0, top + 26.0 + 22.0 * index as f64];
-        draw_curve(&mut figure, curve, COLORS[index % COLORS.len()], [&x, &y], label);
+        // Above the first curve, below the second, so that the numbers of close curves stay apart.
+        let aside = if index == 0 { -12.0 } else { 22.0 };
+        draw_curve(&mut figure, curve, (COLORS[index % COLORS.len()], aside), [&x, &y], label);
     }
     Ok(figure)
 }
@@ -52,13 +54,19 @@ fn curves(entries: &[Entry]) -> Vec<Curve<'_>> {
     curves
 }
 
-fn draw_curve(figure: &mut Figure, curve: &Curve<'_>, color: Rgb, [x, y]: [&LogAxis; 2], label: [f64; 2]) {
+fn draw_curve(
+    figure: &mut Figure,
+    curve: &Curve<'_>,
+    (color, aside): (Rgb, f64),
+    [x, y]: [&LogAxis; 2],
+    label: [f64; 2],
+) {
     let places: Vec<[f64; 2]> = curve.points.iter().map(|point| [x.place(point[0]), y.place(point[1])]).collect();
     figure.line(&places, color, 1.8, false);
     for (&[px, py], point) in places.iter().zip(&curve.points) {
         figure.mark(Mark::Circle, [px, py], 5.0, color, color);
         let ns = Font::plain(12.0).colored(color);
-        figure.text([px - 9.0, py - 8.0], &short(point[2]), ns, Anchor::End);
+        figure.text([px, py + aside], &short(point[2]), ns, Anchor::Middle);
     }
     figure.mark(Mark::Circle, [label[0], label[1] - 5.0], 5.0, color, color);
     figure.text([label[0] + 14.0, label[1]], curve.solver, Font::plain(14.0), Anchor::Start);

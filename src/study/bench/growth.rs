@@ -24,7 +24,7 @@ pub fn large(plan: &Plan, add: Add<'_>) -> Result<(), BenchError> {
     let scene = Scene { azimuths_deg: NEAR_AZIMUTHS_DEG.to_vec(), ..marble(plan) };
     let source = scene.generate(0).observations.filtered(NEAR_AZIMUTHS_DEG.len(), |_| true).0;
     let case = Case {
-        place: (Section::Large, "marble, seen by all"),
+        place: (Section::Large, "marble seen by all lights"),
         source,
         points: plan.large_points,
         materials: scene.materials.len(),

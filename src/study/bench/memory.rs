@@ -60,3 +60,29 @@ fn parse(text: &str) -> Option<f64> {
     let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(1024.0 * kib)
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::study::scene::Scene;
+
+    #[test]
+    fn available_memory_is_read_in_bytes_or_not_at_all() {
+        assert_eq!(parse("MemFree: 1 kB\nMemAvailable:   24208384 kB\nBuffers: 3 kB\n"), Some(24_208_384.0 * 1024.0));
+        assert_eq!(parse("MemFree: 1 kB\n"), None);
+        assert_eq!(parse("MemAvailable: many kB\n"), None);
+    }
+
+    #[test]
+    fn need_is_that_of_rows_and_weights_and_a_shortage_says_both_figures() {
+        let source = Scene { points: 300, ..Scene::marble() }.generate(0).observations;
+        let need = |points, ready| needed_bytes(&source, points, 2, ready);
+        let rows = size_of_val(source.rows()) as f64;
+        assert!((rows..1.5 * rows).contains(&need(source.points(), Ready::Part)));
+        assert!(need(1000, Ready::All) > 1.5 * need(1000, Ready::Part));
+        assert!(check(9e9, 9e9).is_ok());
+        let refusal = check(11e9, 8.04e9).unwrap_err().to_string();
+        assert_eq!(refusal, "not measured: needs 11.0 GB of memory, 8.0 GB are available");
+    }
+}
