@@ -10,6 +10,9 @@ const PANEL: [f64; 4] = [92.0, 92.0, 728.0, 492.0];
 /// Colours of the solvers in their order (Okabe & Ito 2008: distinct to the colour-blind).
 const COLORS: [Rgb; 2] = [[0, 114, 178], [213, 94, 0]];
 
+/// Factor between the times of a point and of where its number ends.
+const ROOM: f64 = 1.5;
+
 /// A solver's times.
 struct Curve<'a> {
     solver: &'a str,
@@ -24,7 +27,8 @@ pub fn draw(entries: &[Entry]) -> Result<Figure, ChartError> {
     let all = || curves.iter().flat_map(|curve| &curve.points);
     let [left, top, right, bottom] = PANEL;
     let x = LogAxis::around(all().map(|point| point[0]), [left, right]);
-    let y = LogAxis::around(all().map(|point| point[1]), [bottom, top]);
+    // Room for the numbers above and below the points.
+    let y = LogAxis::around(all().flat_map(|point| [point[1] / ROOM, point[1] * ROOM]), [bottom, top]);
     figure.text([24.0, 38.0], "Cost of a fit against its size", Font::bold(22.0), Anchor::Start);
     let note = "Points of a marble scene over and over, materials given, one thread; numbers: ns a sample.";
     figure.text([24.0, 62.0], note, Font::plain(13.0).colored(GREY), Anchor::Start);

@@ -90,3 +90,13 @@ pub fn automatic(plan: &Plan, add: Add<'_>) -> Result<(), BenchError> {
 pub fn size(problem: &Problem) -> [usize; 2] {
     [problem.observations.points(), problem.observations.samples()]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_objective_is_that_of_a_fit() {
+        assert_eq!(FitOptions::default().objective, DEFAULT.name());
+    }
+}

@@ -33,7 +33,7 @@ pub struct Plan {
 pub const ONCE_ABOVE: usize = 1_000_000;
 
 impl Plan {
-    /// Sizes up to a million samples: about a minute.
+    /// Sizes up to a million samples: half a minute on one thread.
     pub fn short(repeats: usize) -> Self {
         let growth = vec![10_000, 100_000, 1_000_000];
         Self { points: None, repeats, large_points: 4_000_000, growth }
