@@ -1,7 +1,7 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{config, demo, error, fit, merge, relight, serve, session, simulate, study};
+use rigd::cli::{bench, config, demo, error, fit, merge, relight, serve, session, simulate, study};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -21,6 +21,7 @@ enum Command {
     Relight(relight::Args),
     Merge(merge::Args),
     Config(config::Args),
+    Bench(bench::Args),
     /// Measure the solvers on scenes of known truth: tables and charts.
     #[command(subcommand)]
     Study(study::Study),
@@ -54,6 +55,7 @@ fn main() -> ExitCode {
         Command::Relight(args) => relight::run(&args),
         Command::Merge(args) => merge::run(args),
         Command::Config(args) => config::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Study(study) => study::run(&study),
         Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),
         Command::Simulate(Simulate::Camera(args)) => simulate::camera::run(args),

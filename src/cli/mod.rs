@@ -1,4 +1,5 @@
 //! Commands: the composition root. The only place that knows both the simulated and the real devices.
+pub mod bench;
 pub mod config;
 pub mod daemon;
 pub mod demo;

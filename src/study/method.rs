@@ -36,17 +36,23 @@ impl Method {
     pub fn all(objective: Objective, subsets: &'static [Subset], to_the_end: bool) -> Vec<Self> {
         let mut all = Vec::new();
         for &solver in SOLVERS {
-            let method = Self { solver, objective, points: None, automatic: false, rounds: None };
+            let method = Self::new(solver, objective);
             match solver.name() {
                 "subset" => all.extend(subsets.iter().map(|s| Self { solver: s, points: Some(s.0), ..method })),
                 "zheng2008" => {
-                    all.push(Self { rounds: Some(PAPER_ROUNDS), ..method });
-                    all.extend(to_the_end.then_some(method));
+                    all.push(method);
+                    all.extend(to_the_end.then_some(Self { rounds: None, ..method }));
                 }
                 _ => all.push(method),
             }
         }
         all
+    }
+
+    /// A solver with an objective, everything told; the paper's alternation as its authors stopped it.
+    pub fn new(solver: &'static dyn Solver, objective: Objective) -> Self {
+        let rounds = (solver.name() == "zheng2008").then_some(PAPER_ROUNDS);
+        Self { solver, objective, points: None, automatic: false, rounds }
     }
 
     /// What a fit does unless told otherwise.

@@ -1,7 +1,9 @@
 //! Studies: how fast, how accurate and how stable the solvers are, on scenes of known truth and on photographs.
 
 pub mod accuracy;
+pub mod bench;
 pub mod chart;
+pub mod clock;
 mod csv;
 pub mod forward;
 pub mod method;

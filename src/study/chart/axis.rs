@@ -1,5 +1,7 @@
 //! Logarithmic axes.
 
+use super::{Anchor, FAINT, Figure, Font, GREY};
+
 /// A logarithmic axis: values `from` to `to` lie on the positions `at[0]` to `at[1]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogAxis {
@@ -63,4 +65,22 @@ pub fn short(value: f64) -> String {
     let digits = usize::try_from(2 - exponent).unwrap_or(0);
     let text = format!("{value:.digits$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Grid lines, numbers and frame of a panel with these axes.
+pub fn grid(figure: &mut Figure, x: &LogAxis, y: &LogAxis) {
+    let ([left, right], [bottom, top]) = (x.at, y.at);
+    let font = Font::plain(13.0);
+    for tick in x.ticks() {
+        let at = x.place(tick);
+        figure.line(&[[at, bottom], [at, top]], FAINT, 1.0, false);
+        figure.text([at, bottom + 20.0], &short(tick), font, Anchor::Middle);
+    }
+    for tick in y.ticks() {
+        let at = y.place(tick);
+        figure.line(&[[left, at], [right, at]], FAINT, 1.0, false);
+        figure.text([left - 8.0, at + 4.5], &short(tick), font, Anchor::End);
+    }
+    let frame = [[left, bottom], [right, bottom], [right, top], [left, top], [left, bottom]];
+    figure.line(&frame, GREY, 1.0, false);
 }

@@ -4,9 +4,8 @@ use super::{Measurement, Outcome, Photographs};
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::judge_left_out;
+use crate::study::clock::{ClockError, OneThread};
 use crate::study::method::{LOBE, Method};
-use nix::time::{ClockId, clock_gettime};
-use std::time::Duration;
 
 /// Most lights of photographs left out in turn.
 const MOST_LEFT_OUT: usize = 4;
@@ -17,12 +16,9 @@ const LEAST_SAMPLES: usize = 3;
 /// Why nothing could be measured.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// The thread could not be started.
-    #[error("no worker thread: {0}")]
-    Thread(#[from] rayon::ThreadPoolBuildError),
-    /// The thread's clock cannot be read.
-    #[error("the processor time of a thread cannot be read: {0}")]
-    Clock(#[from] nix::Error),
+    /// No thread, or its clock cannot be read.
+    #[error(transparent)]
+    Clock(#[from] ClockError),
     /// A solver refuses the observations.
     #[error("{0}")]
     Refused(#[from] crate::numerics::fit::solver::Refusal),
@@ -35,7 +31,7 @@ pub enum MeasureError {
 
 /// The thread that fits.
 pub struct Bench {
-    pool: rayon::ThreadPool,
+    thread: OneThread,
 }
 
 /// What a fit gave.
@@ -53,18 +49,14 @@ pub fn lights_to_leave_out(lights: usize) -> Vec<usize> {
 
 impl Bench {
     pub fn new() -> Result<Self, MeasureError> {
-        Ok(Self { pool: rayon::ThreadPoolBuilder::new().num_threads(1).build()? })
+        Ok(Self { thread: OneThread::new()? })
     }
 
     /// Fits and takes the time of the one thread that works.
     pub fn fit(&self, observations: &Observations, materials: usize, method: Method) -> Result<Fitted, MeasureError> {
-        self.pool.install(|| {
-            let begin = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
-            let solution = method.solve(observations, materials)?;
-            let end = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID)?;
-            let cpu_s = Duration::from(end).saturating_sub(Duration::from(begin)).as_secs_f64();
-            Ok(Fitted { mixture: solution.mixture, iterations: solution.iterations, cpu_s })
-        })
+        let (solution, cpu_s) = self.thread.time(|| method.solve(observations, materials))?;
+        let solution = solution?;
+        Ok(Fitted { mixture: solution.mixture, iterations: solution.iterations, cpu_s })
     }
 
     /// Fits photographs without one light and judges the fit on it.

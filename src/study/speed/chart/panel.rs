@@ -1,8 +1,8 @@
 //! One panel: grid, points, front and its key.
 
 use super::{KEY_LINE, Legend, PANEL, Panel, Point, name};
-use crate::study::chart::axis::{LogAxis, short};
-use crate::study::chart::{Anchor, FAINT, Figure, Font, GREY, INK, Rgb, WHITE};
+use crate::study::chart::axis::{LogAxis, grid, short};
+use crate::study::chart::{Anchor, Figure, Font, GREY, INK, Rgb, WHITE};
 
 /// Radius of a point fitted to everything, and to a subset.
 pub const LARGE: f64 = 6.5;
@@ -71,23 +71,6 @@ pub fn draw(figure: &mut Figure, panel: &Panel, legend: &Legend, [left, top]: [f
         let note = format!("{hidden} above {WORST_PCT} % not shown");
         figure.text([left + PANEL[0], top - 14.0], &note, Font::plain(12.0).colored(GREY), Anchor::End);
     }
-}
-
-fn grid(figure: &mut Figure, x: &LogAxis, y: &LogAxis) {
-    let ([left, right], [bottom, top]) = (x.at, y.at);
-    let font = Font::plain(13.0);
-    for tick in x.ticks() {
-        let at = x.place(tick);
-        figure.line(&[[at, bottom], [at, top]], FAINT, 1.0, false);
-        figure.text([at, bottom + 20.0], &short(tick), font, Anchor::Middle);
-    }
-    for tick in y.ticks() {
-        let at = y.place(tick);
-        figure.line(&[[left, at], [right, at]], FAINT, 1.0, false);
-        figure.text([left - 8.0, at + 4.5], &short(tick), font, Anchor::End);
-    }
-    let frame = [[left, bottom], [right, bottom], [right, top], [left, top], [left, bottom]];
-    figure.line(&frame, GREY, 1.0, false);
 }
 
 /// The front as a staircase: what one gets for at most this time.

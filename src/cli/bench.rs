@@ -1,0 +1,51 @@
+//! `rigd bench`: what fits cost on this machine.
+
+use crate::cli::error::print_line;
+use crate::study::bench::{self, Entry, Plan, Section};
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+
+/// Measure what fits cost on this machine, in processor time, and print the table.
+///
+/// Scenes of known truth: fits of the size of the paper with every solver and with everything automatic, an image of
+/// 4 million pixels, growing sizes up to a million samples, and single passes of the inner loop with every instruction set
+/// the processor has. Times are of the processor, never of the wall: of one thread, or of all for the automatic fit. Run
+/// nothing else meanwhile all the same: caches and memory are shared.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Directory for bench.csv and the chart of the growth (growth.svg, growth.png); made if missing.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// How often each thing is measured; the table has best and median. Growth above a million samples is measured once.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+    /// Let sizes grow to a hundred million samples; those that do not fit in memory are left out, and the table says so.
+    #[arg(long)]
+    pub long: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    // Found out before the work, not after it.
+    args.out.as_deref().map(make).transpose()?;
+    let repeats = usize::from(args.repeats);
+    let plan = if args.long { Plan::long(repeats) } else { Plan::short(repeats) };
+    let mut section: Option<Section> = None;
+    let entries = bench::run(&plan, &mut |entry: &Entry| {
+        if section != Some(entry.section) {
+            let gap = if section.is_some() { "\n" } else { "" };
+            print_line(format_args!("{gap}{}", bench::heading(entry.section)))?;
+            section = Some(entry.section);
+        }
+        print_line(bench::line(entry))
+    })?;
+    let Some(out) = &args.out else { return Ok(()) };
+    bench::write(out, &entries)?;
+    print_line(format_args!("\nbench.csv, growth.svg, growth.png in {}", out.display()))?;
+    Ok(())
+}
+
+fn make(directory: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(directory)
+        .with_context(|| format!("{}: give a directory that can be made", directory.display()))
+}
