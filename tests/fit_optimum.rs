@@ -100,6 +100,7 @@ fn best_cost(lobe: &dyn Lobe, materials: &[Material], samples: &[Sample], sign: 
     };
     match sign {
         Sign::Free => some(&[0, 1]),
+        Sign::Slack => unreachable!("the script has no slack"),
         Sign::NonNegative => [some(&[0, 1]), some(&[0]), some(&[1])].into_iter().fold(f64::INFINITY, f64::min),
     }
 }
@@ -107,6 +108,7 @@ fn best_cost(lobe: &dyn Lobe, materials: &[Material], samples: &[Sample], sign: 
 fn known(scene: &Scene, sign: Sign) -> &Optimum {
     match sign {
         Sign::Free => &scene.optima.free,
+        Sign::Slack => unreachable!("the script has no slack"),
         Sign::NonNegative => &scene.optima.non_negative,
     }
 }

@@ -12,14 +12,18 @@ use super::prepared::{BLOCKS, Prepared};
 use super::{CHUNK, MAX_MATERIALS};
 use crate::numerics::brdf::Material;
 use crate::numerics::simd::{LANES, Lane, Level, Vector, Work};
-use point::{Point, accumulate};
+use point::{Evaluated, Point, accumulate};
 use rayon::prelude::*;
+use std::f64::consts::FRAC_1_PI;
 
 /// Unknowns of a material: rho_d and rho_s per channel, ln(beta).
 pub const PER_MATERIAL: usize = 7;
 
 /// A direction of weights counts as seen when this part of its square is left after those before it.
 const PIVOT: f32 = 1e-5;
+
+/// Nor does one whose square is below this: its inverse would overflow.
+const FAINT: f32 = 1e-36;
 
 /// Reweightings of Cauchy's function before the weights of a point stand.
 pub(super) const REWEIGHTINGS: usize = 2;
@@ -130,10 +134,16 @@ struct Totals<const N: usize, const H: usize> {
 impl<const N: usize, const H: usize> Totals<N, H> {
     const ZERO: Self = Self { cost: [0.0; LANES], gradient: [[0.0; LANES]; N], hessian: [[0.0; LANES]; H] };
 
+    /// Adds the lanes; the loop's unknown is rho_d / pi.
     fn add_to(&self, sums: &mut Sums) {
+        let factor = |i: usize| if i % PER_MATERIAL < 3 { FRAC_1_PI } else { 1.0 };
         sums.cost += sum(&self.cost);
-        sums.gradient.iter_mut().zip(&self.gradient).for_each(|(total, lane)| *total += sum(lane));
-        sums.hessian.iter_mut().zip(&self.hessian).for_each(|(total, lane)| *total += sum(lane));
+        for i in 0..N {
+            sums.gradient[i] += factor(i) * sum(&self.gradient[i]);
+            for j in 0..=i {
+                sums.hessian[triangle(i, j)] += factor(i) * factor(j) * sum(&self.hessian[triangle(i, j)]);
+            }
+        }
     }
 }
 
@@ -184,26 +194,31 @@ impl Pass<'_> {
         let alpha = Alpha::<M>::new(self.materials);
         let mut totals = Totals::<N, H>::ZERO;
         let Pass { prepared, sign, blocks, mut out, .. } = self;
-        let mut scratch = Scratch::<V, B, T>::default();
+        let mut scratch: Vec<Evaluated<V, M, T>> = Vec::new();
         for (index, block) in blocks.enumerate() {
             let rows = prepared.block(block);
-            scratch.resize(rows.len());
+            if scratch.len() < rows.len() {
+                scratch.resize(rows.len(), Evaluated::empty());
+            }
+            let scratch = &mut scratch[..rows.len()];
             for part in 0..LANES / V::WIDTH {
-                let point = Point { rows, part, alpha: &alpha, sign, floor: prepared.floor(block) };
-                point.lobes(prepared.family, &mut scratch);
-                if let Some(scale) = prepared.cauchy {
-                    point.reweight(scale, &mut scratch);
-                }
+                let (cauchy, floor) = (prepared.cauchy, prepared.floor(block));
+                let point = Point { rows, part, alpha: &alpha, sign, cauchy, floor };
                 match &mut out {
-                    Out::Normal(_) => point.normal(prepared.cauchy, &scratch, &mut totals),
+                    Out::Normal(_) => {
+                        point.evaluate::<V, B, T, true>(prepared.family, scratch);
+                        let minimum = point.minimise(scratch);
+                        point.normal::<V, B, T, N, H>(scratch, &minimum, &mut totals);
+                    }
                     Out::Weights(gamma, cost) => {
-                        let found = point.minimise(&point.quadratic(&scratch)).gamma;
-                        accumulate(cost, part, point.cost(prepared.cauchy, &scratch, &found));
+                        point.evaluate::<V, B, T, false>(prepared.family, scratch);
+                        let found = point.minimise(scratch).gamma;
+                        accumulate(cost, part, point.cost(scratch, &found));
                         scatter(&found, part, index, gamma);
                     }
                     Out::Deviations(sigma) => {
-                        let minimum = point.minimise(&point.quadratic(&scratch));
-                        scatter(&minimum.deviations(), part, index, sigma);
+                        point.evaluate::<V, B, T, false>(prepared.family, scratch);
+                        scatter(&point.minimise(scratch).deviations(), part, index, sigma);
                     }
                 }
             }
@@ -226,35 +241,11 @@ impl<const M: usize> Alpha<M> {
     fn new(materials: &[Material]) -> Self {
         let of = |m: usize| &materials[m.min(materials.len() - 1)];
         Self {
-            rho_d: std::array::from_fn(|m| of(m).rho_d.map(|v| (v * std::f64::consts::FRAC_1_PI) as f32)),
+            rho_d: std::array::from_fn(|m| of(m).rho_d.map(|v| (v * FRAC_1_PI) as f32)),
             rho_s: std::array::from_fn(|m| of(m).rho_s.map(|v| v as f32)),
             beta2: std::array::from_fn(|m| (of(m).beta * of(m).beta) as f32),
             inverse_beta2: std::array::from_fn(|m| (1.0 / (of(m).beta * of(m).beta)) as f32),
         }
-    }
-}
-
-/// Per row: basis functions without the irradiance (1, lobes, slopes), their products, weights of Cauchy's function.
-struct Scratch<V, const B: usize, const T: usize> {
-    basis: Vec<[V; B]>,
-    products: Vec<[V; T]>,
-    robust: Vec<[V; 3]>,
-}
-
-impl<V, const B: usize, const T: usize> Default for Scratch<V, B, T> {
-    fn default() -> Self {
-        Self { basis: Vec::new(), products: Vec::new(), robust: Vec::new() }
-    }
-}
-
-impl<V: Vector, const B: usize, const T: usize> Scratch<V, B, T> {
-    #[inline(always)]
-    fn resize(&mut self, rows: usize) {
-        let one = V::splat(1.0);
-        self.basis.resize(rows, [one; B]);
-        self.products.resize(rows, [one; T]);
-        self.robust.clear();
-        self.robust.resize(rows, [one; 3]);
     }
 }
 

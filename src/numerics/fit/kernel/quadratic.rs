@@ -1,26 +1,26 @@
 //! The weights of a point: a quadratic in at most four unknowns, minimised exactly.
 
-use super::PIVOT;
+use super::{FAINT, PIVOT};
 use crate::numerics::simd::Vector;
 
-/// The quadratic in the weights: gamma' g gamma - 2 b' gamma.
+/// The quadratic in the weights: gamma' g gamma - 2 b' gamma. Of `g` the lower triangle is kept.
+#[derive(Clone, Copy)]
 pub(super) struct Quadratic<V, const M: usize> {
     pub g: [[V; M]; M],
     pub b: [V; M],
 }
 
-/// Its minimiser: weights, 1 for those that are free and 0 for those held at zero, and the inverse Cholesky factor of the
-/// matrix of the free ones (a unit matrix elsewhere).
+/// Its minimiser: weights, and the factor of the matrix of those that are free.
 pub(super) struct Minimum<V, const M: usize> {
     pub gamma: [V; M],
-    pub free: [V; M],
     pub factor: Factor<V, M>,
 }
 
-/// Lower Cholesky factor; `inverse_diagonal` holds one over its diagonal.
+/// The matrix of the free weights as L D L', L with a unit diagonal. A weight held at zero has the inverse pivot 0: no
+/// solution moves it.
 pub(super) struct Factor<V, const M: usize> {
     lower: [[V; M]; M],
-    inverse_diagonal: [V; M],
+    inverse_pivot: [V; M],
 }
 
 impl<V: Vector, const M: usize> Quadratic<V, M> {
@@ -29,60 +29,51 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
         Self { g: [[V::splat(0.0); M]; M], b: [V::splat(0.0); M] }
     }
 
-    /// Cholesky factor of the matrix of the weights in `support`; a weight the samples do not tell from those before it is
-    /// taken out of `free` (1 in, 0 out).
+    /// Factor of the matrix of the weights in `support`, without those the samples do not tell from the ones before.
     #[inline(always)]
-    fn factor(&self, support: usize) -> (Factor<V, M>, [V; M]) {
+    fn factor(&self, support: usize) -> Factor<V, M> {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let mut factor = Factor { lower: [[zero; M]; M], inverse_diagonal: [one; M] };
-        let mut free = [zero; M];
+        let mut factor = Factor { lower: [[zero; M]; M], inverse_pivot: [zero; M] };
         for m in 0..M {
             if support & (1 << m) == 0 {
                 continue;
             }
             let mut pivot = self.g[m][m];
+            let mut scaled = [zero; M];
             for k in 0..m {
-                let mut sum = self.g[m][k];
+                scaled[k] = self.g[m][k];
                 for l in 0..k {
-                    sum = sum - factor.lower[m][l] * factor.lower[k][l];
+                    scaled[k] = scaled[k] - scaled[l] * factor.lower[k][l];
                 }
-                let value = sum * factor.inverse_diagonal[k] * free[k];
-                factor.lower[m][k] = value;
-                pivot = pivot - value * value;
+                factor.lower[m][k] = scaled[k] * factor.inverse_pivot[k];
+                pivot = pivot - scaled[k] * factor.lower[m][k];
             }
-            let least = self.g[m][m] * V::splat(PIVOT);
-            let seen = pivot.if_greater(least, one, zero);
-            let root = pivot.if_greater(least, pivot, one).sqrt();
-            free[m] = seen;
-            factor.inverse_diagonal[m] = one / root;
-            for k in 0..m {
-                factor.lower[m][k] = factor.lower[m][k] * seen;
-            }
+            let least = (self.g[m][m] * V::splat(PIVOT)).max(V::splat(FAINT));
+            factor.inverse_pivot[m] = pivot.if_greater(least, one / pivot, zero);
         }
-        (factor, free)
+        factor
     }
 
     /// The stationary point over `support`, and by how much it lowers the quadratic.
     #[inline(always)]
     pub(super) fn stationary(&self, support: usize) -> (Minimum<V, M>, V) {
-        let (factor, free) = self.factor(support);
+        let factor = self.factor(support);
         let mut z = self.b;
-        for m in 0..M {
-            z[m] = z[m] * free[m];
-        }
         factor.forward(&mut z);
         let mut gain = V::splat(0.0);
         for m in 0..M {
-            gain = z[m].mul_add(z[m], gain);
+            let scaled = z[m] * factor.inverse_pivot[m];
+            gain = scaled.mul_add(z[m], gain);
+            z[m] = scaled;
         }
         let gamma = factor.backward(z);
-        (Minimum { gamma, free, factor }, gain)
+        (Minimum { gamma, factor }, gain)
     }
 
     /// The minimiser with no weight below `least`.
     #[inline(always)]
     pub(super) fn minimise_above(&self, least: &[V; M]) -> Minimum<V, M> {
-        let mut above = Self { g: self.g, b: self.b };
+        let mut above = *self;
         for m in 0..M {
             for k in 0..M {
                 above.b[m] = above.b[m] - self.g[m.max(k)][m.min(k)] * least[k];
@@ -112,8 +103,7 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
             for m in 0..M {
                 let (new, old) = (&found.factor, &mut best.factor);
                 best.gamma[m] = gain.if_greater(most, found.gamma[m], best.gamma[m]);
-                best.free[m] = gain.if_greater(most, found.free[m], best.free[m]);
-                old.inverse_diagonal[m] = gain.if_greater(most, new.inverse_diagonal[m], old.inverse_diagonal[m]);
+                old.inverse_pivot[m] = gain.if_greater(most, new.inverse_pivot[m], old.inverse_pivot[m]);
                 for k in 0..m {
                     old.lower[m][k] = gain.if_greater(most, new.lower[m][k], old.lower[m][k]);
                 }
@@ -125,16 +115,18 @@ impl<V: Vector, const M: usize> Quadratic<V, M> {
 }
 
 impl<V: Vector, const M: usize> Minimum<V, M> {
-    /// Square roots of the diagonal of the inverse.
+    /// Square roots of the diagonal of the inverse; 0 for a weight held at zero.
     #[inline(always)]
     pub(super) fn deviations(&self) -> [V; M] {
+        let roots = self.factor.roots();
         let mut deviations = [V::splat(0.0); M];
         for m in 0..M {
             let mut column = [V::splat(0.0); M];
-            column[m] = self.free[m];
+            column[m] = V::splat(1.0);
             self.factor.forward(&mut column);
             let mut square = V::splat(0.0);
-            for value in column {
+            for k in 0..M {
+                let value = column[k] * roots[k];
                 square = value.mul_add(value, square);
             }
             deviations[m] = square.sqrt();
@@ -144,27 +136,33 @@ impl<V: Vector, const M: usize> Minimum<V, M> {
 }
 
 impl<V: Vector, const M: usize> Factor<V, M> {
-    /// Solves lower * x = right in place.
+    /// Square roots of the inverse pivots.
+    #[inline(always)]
+    pub(super) fn roots(&self) -> [V; M] {
+        let mut roots = self.inverse_pivot;
+        for root in &mut roots {
+            *root = root.sqrt();
+        }
+        roots
+    }
+
+    /// Solves L * x = right in place.
     #[inline(always)]
     pub(super) fn forward(&self, right: &mut [V; M]) {
         for m in 0..M {
-            let mut sum = right[m];
             for k in 0..m {
-                sum = sum - self.lower[m][k] * right[k];
+                right[m] = right[m] - self.lower[m][k] * right[k];
             }
-            right[m] = sum * self.inverse_diagonal[m];
         }
     }
 
-    /// Solves lower' * x = right.
+    /// Solves L' * x = right.
     #[inline(always)]
     fn backward(&self, mut right: [V; M]) -> [V; M] {
         for m in (0..M).rev() {
-            let mut sum = right[m];
             for k in m + 1..M {
-                sum = sum - self.lower[k][m] * right[k];
+                right[m] = right[m] - self.lower[k][m] * right[k];
             }
-            right[m] = sum * self.inverse_diagonal[m];
         }
         right
     }

@@ -105,6 +105,44 @@ fn cauchy_bounds_the_pull_of_an_outlier() {
     assert!((plain - 1.0).abs() > 5.0 * (robust - 1.0).abs(), "plain {plain}, robust {robust}");
 }
 
+fn deviations_of_all(prepared: &Prepared, materials: &[Material]) -> Vec<f64> {
+    deviations(prepared, materials, Sign::Free)
+}
+
+/// With slack no weight is below its floor, the cost lies between those of the other signs, and the gradient is that of the
+/// cost.
+#[test]
+fn slack_holds_weights_at_their_floors() {
+    let lobe = brdf::by_name("ward").unwrap();
+    let (exact, truth) = synthetic(300, 3, 74);
+    let observations = noisy(&exact, 0.3, 75);
+    let two = &materials(&truth.materials)[..2];
+    let recipe = Recipe { lobe, objective: Objective::NOISE, brightness: 1.0 };
+    let mut prepared = Prepared::new(&observations, &recipe);
+    let sigma = deviations_of_all(&prepared, two);
+    let variance = 4.0;
+    prepared.loosen(&sigma, 2, variance);
+    let (gamma, cost) = weights(&prepared, two, Sign::Slack);
+    let floors: Vec<f64> = sigma.iter().map(|sigma| -2.75 * variance.sqrt() * sigma).collect();
+    let above = |(&weight, &floor): (&f64, &f64)| weight >= floor * (1.0 + 1e-5);
+    assert!(gamma.iter().zip(&floors).all(above));
+    let at = |(&weight, &floor): (&f64, &f64)| (weight / floor - 1.0).abs() < 1e-5;
+    let held = gamma.iter().zip(&floors).filter(|&pair| at(pair)).count();
+    let below = gamma.iter().filter(|weight| **weight < 0.0).count();
+    assert!(held > 3 && below > held, "{held} at their floors, {below} below zero");
+    let of = |sign| weights(&prepared, two, sign).1;
+    assert!(of(Sign::Free) < cost && cost < of(Sign::NonNegative), "{cost}");
+    let sums = normal(&prepared, two, Sign::Slack);
+    assert!((sums.cost / cost - 1.0).abs() < 1e-5);
+    for i in 0..2 * PER_MATERIAL {
+        let h = 2e-3;
+        let at = |step: f64| weights(&prepared, &changed(two, i, step), Sign::Slack).1;
+        let numeric = (at(h) - at(-h)) / (4.0 * h);
+        let scale = (sums.hessian[triangle(i, i)].abs() * cost).sqrt() + numeric.abs();
+        assert!((sums.gradient[i] - numeric).abs() < 2e-3 * scale, "{i}: {} for {numeric}", sums.gradient[i]);
+    }
+}
+
 /// [`deviations`] of the first chunk with a given instruction set.
 fn deviations_at(level: Level, prepared: &Prepared, materials: &[Material], sign: Sign) -> Vec<f64> {
     let mut sigma = vec![0.0; CHUNK * materials.len()];
@@ -127,8 +165,11 @@ fn instruction_sets_do_not_change_a_bit() {
         let lobe = brdf::by_name(model).unwrap();
         for objective in [Objective::NOISE, Objective::NOISE_CAUCHY] {
             let recipe = Recipe { lobe, objective, brightness: brightness(&observations) };
-            let prepared = Prepared::new(&observations, &recipe);
-            for (count, sign) in (1..=4).flat_map(|count| [(count, Sign::NonNegative), (count, Sign::Free)]) {
+            let mut prepared = Prepared::new(&observations, &recipe);
+            let signs = [Sign::NonNegative, Sign::Slack, Sign::Free];
+            for (count, sign) in (1..=4).flat_map(|count| signs.map(|sign| (count, sign))) {
+                let sigma = deviations_of_all(&prepared, &four[..count]);
+                prepared.loosen(&sigma, count, 1.0);
                 let run = |level| {
                     let sums = normal_at(level, &prepared, &four[..count], sign);
                     let (gamma, cost) = weights_at(level, &prepared, &four[..count], sign);
