@@ -98,8 +98,8 @@ fn the_command_refuses_what_it_cannot_do_before_it_measures() {
         |arguments: &[&str]| Command::new(env!("CARGO_BIN_EXE_rigd")).arg("bench").args(arguments).output().unwrap();
     assert_eq!(run(&["--repeats", "0"]).status.code(), Some(2));
     let nowhere = run(&["--out", "/dev/null/table"]);
-    assert_eq!(nowhere.status.code(), Some(1));
+    assert_eq!(nowhere.status.code(), Some(2));
     assert!(nowhere.stdout.is_empty());
     let message = String::from_utf8_lossy(&nowhere.stderr).into_owned();
-    assert!(message.contains("/dev/null/table: give a directory that can be made"), "{message}");
+    assert!(message.contains("/dev/null/table: no directory for the table"), "{message}");
 }

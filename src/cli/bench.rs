@@ -1,8 +1,7 @@
 //! `rigd bench`: what fits cost on this machine.
 
-use crate::cli::error::print_line;
+use super::error::{bad_input, print_line};
 use crate::study::bench::{self, Entry, Plan, Section};
-use anyhow::Context;
 use std::path::{Path, PathBuf};
 
 /// Measure what fits cost on this machine, in processor time, and print the table.
@@ -46,6 +45,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 fn make(directory: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(directory)
-        .with_context(|| format!("{}: give a directory that can be made", directory.display()))
+    std::fs::create_dir_all(directory).map_err(|error| {
+        bad_input(format!("{}: no directory for the table: {error}; give another --out", directory.display()))
+    })
 }
