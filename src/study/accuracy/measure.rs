@@ -140,6 +140,21 @@ fn bounds(scene: &Scene, seed: u64, known: &[Material]) -> Vec<Option<f64>> {
     (0..PER_MATERIAL * known.len()).map(bound).collect()
 }
 
+/// True when the Cramer-Rao bound of every parameter is below the part `share` of it.
+pub fn determined(scene: &Scene, seed: u64, share: f64) -> bool {
+    let known: Vec<Material> = scene.materials.iter().map(material).collect();
+    let value = |i: usize| {
+        let (m, k) = (&known[i / PER_MATERIAL], i % PER_MATERIAL);
+        match k {
+            0..3 => m.rho_d[k],
+            3..6 => m.rho_s[k - 3],
+            _ => 1.0,
+        }
+    };
+    let bounds = bounds(scene, seed, &known);
+    bounds.iter().enumerate().all(|(i, bound)| bound.is_none_or(|bound| bound < share * value(i)))
+}
+
 /// Cost found from the solver's start over that found from the truth, less 1.
 fn excess(observations: &Observations, known: &[Material]) -> f64 {
     let recipe = Recipe { lobe: &Ward, objective: Objective::NOISE, brightness: 1.0 };

@@ -84,7 +84,7 @@ pub fn run(plan: &Plan) -> Vec<Bar> {
     for (name, missed, of) in regimes {
         bars.push(Bar::new(format!("of these: {name}, of {of}"), missed, 0.0, 0.0));
     }
-    bars.push(Bar::new("false alarms on sound cases %", 100.0 * alarms / sound.max(1.0), 0.0, 2.0));
+    bars.push(Bar::new(format!("false alarms on {sound} sound cases %"), 100.0 * alarms / sound.max(1.0), 0.0, 2.0));
     bars
 }
 
