@@ -199,7 +199,7 @@ pub fn descend(
     // A single material's weights are never negative: there is nothing to free.
     if task.materials > 1 {
         let free = stage(&medium, &found, Sign::Free, MEDIUM_STOP);
-        match refusal_of_free_weights(some, &medium, recipe, [&found.materials, &free.materials]) {
+        match refusal_of_free_weights(some, &medium, [&found.materials, &free.materials]) {
             None => (sign, found) = (Sign::Free, free),
             Some(reason) => notes.push(format!("{reason}: the parameters were found with weights >= 0")),
         }
@@ -230,14 +230,13 @@ fn rise(prepared: &Prepared, from: &[Material], to: &[Material]) -> f64 {
 fn refusal_of_free_weights(
     observations: &Observations,
     prepared: &Prepared,
-    recipe: &Recipe<'_>,
     [bounded, free]: [&[Material]; 2],
 ) -> Option<String> {
     let rise = rise(prepared, bounded, free);
     if rise.is_nan() || rise >= FREE_COST {
         return Some(format!("free weights fit {:.0} % worse once they are made non-negative", 100.0 * rise));
     }
-    match left_out_errors(observations, prepared, recipe.lobe, [bounded, free]) {
+    match left_out_errors(observations, prepared, [bounded, free]) {
         Some([bounded, free]) if free < bounded => None,
         Some(_) => Some("free weights predicted left-out lights worse".to_owned()),
         None => Some("no light can be left out to judge free weights".to_owned()),
