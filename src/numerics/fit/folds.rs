@@ -1,10 +1,10 @@
 //! Left-out lights: every light is predicted by a fit that did not see it.
 
-use super::kernel::{self, Sign};
-use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Sample};
+use super::kernel::{self, Groups, Sign};
+use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Row, Sample};
 use super::predict;
 use super::prepared::{Prepared, Recipe};
-use crate::numerics::brdf::{Lobe, Material};
+use crate::numerics::brdf::Material;
 
 /// Most groups of lights left out in turn: with many lights, one group holds every so-manieth.
 const GROUPS: usize = 7;
@@ -76,33 +76,20 @@ fn groups(observations: &Observations) -> (Vec<usize>, usize) {
 }
 
 /// Errors of fixed materials on every light, with the weights that the other lights give each point. None where no light
-/// can be left out.
+/// can be left out. `prepared` is made of `observations`.
 pub fn left_out_errors<const N: usize>(
     observations: &Observations,
     prepared: &Prepared,
-    lobe: &dyn Lobe,
     materials: [&[Material]; N],
 ) -> Option<[f64; N]> {
-    let (group_of, groups) = groups(observations);
-    let (mut sums, mut count) = ([0.0; N], 0.0);
-    for group in 0..groups {
-        let rest = prepared.without(observations, |light| group_of[light] == group);
-        let gammas = materials.map(|materials| kernel::weights(&rest, materials, Sign::NonNegative).0);
-        for point in 0..observations.points() {
-            let others = observations.of(point).filter(|sample| group_of[sample.light] != group).count();
-            if others < LEAST {
-                continue;
-            }
-            for sample in observations.of(point).filter(|sample| group_of[sample.light] == group) {
-                count += 1.0;
-                for n in 0..N {
-                    let weights = &gammas[n][point * materials[n].len()..(point + 1) * materials[n].len()];
-                    sums[n] += relative_error(&sample, predict(lobe, materials[n], weights, &sample));
-                }
-            }
-        }
+    let (group_of, count) = groups(observations);
+    let of = |row: &Row| row.light.map(|light| group_of.get(usize::from(light)).map_or(0.0, |&group| group as f32));
+    let groups = Groups { of: observations.rows().iter().map(of).collect(), count, least: LEAST };
+    let mut errors = [0.0; N];
+    for (error, materials) in errors.iter_mut().zip(materials) {
+        *error = kernel::left_out(prepared, materials, &groups)?;
     }
-    (count > 0.0).then(|| sums.map(|sum| sum / count))
+    Some(errors)
 }
 
 /// Mean over channels of |I - model| / I.

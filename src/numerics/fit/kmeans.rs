@@ -49,8 +49,9 @@ fn seeds(features: &[Feature], classes: usize) -> Vec<Feature> {
             .enumerate()
             .map(|(i, f)| (nearest(f).unwrap_or_else(|| distance2(f, &center)), i))
             .collect();
-        far.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        chosen.push(features[far[(far.len() - 1) * 99 / 100].1]);
+        let rank = (far.len() - 1) * 99 / 100;
+        let (_, (_, seed), _) = far.select_nth_unstable_by(rank, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        chosen.push(features[*seed]);
     }
     chosen
 }

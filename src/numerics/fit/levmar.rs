@@ -22,6 +22,11 @@ pub trait Problem {
     fn noise(&self) -> f64 {
         0.0
     }
+
+    /// Damping of the first step, in parts of the diagonal.
+    fn damping(&self) -> f64 {
+        1e-3
+    }
 }
 
 /// Box of permitted values and the greatest change of a step, one entry an unknown.
@@ -63,7 +68,7 @@ pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, st
     let mut x = clamp(start, bounds);
     let mut normal = problem.normal(&x);
     let mut scale: DVector<f64> = DVector::from_element(x.len(), 1e-300);
-    let mut lambda = 1e-3;
+    let mut lambda = problem.damping();
     let mut small_steps = 0;
     for iterations in 0..stop.iterations {
         for i in 0..x.len() {

@@ -4,6 +4,7 @@
 //! Model (paper Eq. 1-4): `I = sum_m gamma_m * l_c * cos(theta_i) * BRDF(alpha_m)`. All sums run over fixed chunks of
 //! points in a fixed order, so that the result is the same to the bit at any number of threads.
 
+pub mod albedo;
 pub mod alpha;
 pub mod bank;
 pub mod directions;

@@ -81,17 +81,22 @@ impl Observations {
     /// Adds a point with its samples.
     pub fn push(&mut self, pixel: usize, samples: &[Sample]) {
         let lane = self.pixel.len() % LANES;
-        if lane == 0 {
+        for (row, sample) in self.open(pixel, samples.len()).iter_mut().zip(samples) {
+            row.set(lane, sample);
+        }
+    }
+
+    /// Adds a point of so many samples; returns the rows it stands in.
+    fn open(&mut self, pixel: usize, samples: usize) -> &mut [Row] {
+        if self.pixel.len() % LANES == 0 {
             self.first.push(self.rows.len());
         }
         let first = self.first[self.first.len() - 1];
-        self.rows.resize(self.rows.len().max(first + samples.len()), Row::EMPTY);
-        for (row, sample) in self.rows[first..].iter_mut().zip(samples) {
-            row.set(lane, sample);
-        }
+        self.rows.resize(self.rows.len().max(first + samples), Row::EMPTY);
         self.pixel.push(pixel);
-        self.count.push(u16::try_from(samples.len()).unwrap_or(u16::MAX));
-        self.samples += samples.len();
+        self.count.push(u16::try_from(samples).unwrap_or(u16::MAX));
+        self.samples += samples;
+        &mut self.rows[first..first + samples]
     }
 
     /// Number of points.
@@ -214,11 +219,12 @@ impl Observations {
     /// The points of these indices.
     pub fn select(&self, points: &[usize]) -> Self {
         let mut kept = Self::new(self.lights);
-        let mut samples = Vec::new();
         for &point in points {
-            samples.clear();
-            samples.extend(self.of(point));
-            kept.push(self.pixel[point], &samples);
+            let (first, count) = (self.first[point / LANES], usize::from(self.count[point]));
+            let lane = kept.pixel.len() % LANES;
+            for (row, source) in kept.open(self.pixel[point], count).iter_mut().zip(&self.rows[first..first + count]) {
+                row.copy(lane, source, point % LANES);
+            }
         }
         kept.inherit_azimuths(self, points);
         kept

@@ -5,7 +5,7 @@ use super::objective::{MODEL_FLOOR, Measure, Objective};
 use super::observations::{Observations, Row};
 use super::{CHUNK, MAX_MATERIALS};
 use crate::numerics::brdf::{Family, Lobe};
-use crate::numerics::simd::{LANES, Lane};
+use crate::numerics::simd::{LANES, Lane, Level, Vector, Work};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -92,9 +92,7 @@ impl Prepared {
         let source = &observations.rows()[observations.rows_of(blocks.clone())];
         let mut rows = vec![EMPTY; source.len()];
         rows.par_chunks_mut(TASK).zip(source.par_chunks(TASK)).for_each(|(ready, source)| {
-            for (ready, row) in ready.iter_mut().zip(source) {
-                prepare(recipe, row, ready);
-            }
+            Level::best().run(Prepare { recipe, source, ready });
         });
         Self {
             family: recipe.lobe.family(),
@@ -105,18 +103,6 @@ impl Prepared {
             rows,
             floors: Vec::new(),
         }
-    }
-
-    /// The same without the samples of the lights that `drop` names; made of the same `observations`.
-    pub fn without(&self, observations: &Observations, drop: impl Fn(usize) -> bool) -> Self {
-        let mut rest = self.clone();
-        for (ready, row) in rest.rows.iter_mut().zip(observations.rows()) {
-            for lane in 0..LANES {
-                let keep = if drop(usize::from(row.light[lane])) { 0.0 } else { 1.0 };
-                ready.irradiance.iter_mut().chain(&mut ready.radiance).for_each(|channel| channel[lane] *= keep);
-            }
-        }
-        rest
     }
 
     /// Lets weights fall to [`SLACK`] of their standard deviations below zero under `Sign::Slack`: `deviations` are those
@@ -144,21 +130,38 @@ impl Prepared {
 
     /// Rows of a block.
     pub fn block(&self, block: usize) -> &[ReadyRow] {
-        &self.rows[self.first[block]..self.first[block + 1]]
+        &self.rows[self.rows_of(block)]
+    }
+
+    /// Where the rows of a block stand among all.
+    pub fn rows_of(&self, block: usize) -> Range<usize> {
+        self.first[block]..self.first[block + 1]
     }
 }
 
-fn prepare(recipe: &Recipe<'_>, row: &Row, ready: &mut ReadyRow) {
-    recipe.lobe.fixed_lanes(row, &mut ready.exponent, &mut ready.scale);
-    if recipe.lobe.family() == Family::Ggx {
-        let tan2 = |cos: f32| (1.0 - cos * cos).max(0.0) / (cos * cos);
-        ready.tan2 = [row.cos_i.map(tan2), row.cos_r.map(tan2)];
-    }
-    let over_brightness = (1.0 / recipe.brightness) as f32;
-    match recipe.objective.measure {
-        Measure::Absolute => scaled(row, ready, |_, _| over_brightness),
-        Measure::Relative => scaled(row, ready, |i, _| 1.0 / i),
-        Measure::Noise => scaled(row, ready, deviation),
+/// Makes rows ready.
+struct Prepare<'a> {
+    recipe: &'a Recipe<'a>,
+    source: &'a [Row],
+    ready: &'a mut [ReadyRow],
+}
+
+impl Work for Prepare<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Recipe { lobe, objective, brightness } = *self.recipe;
+        for (ready, row) in self.ready.iter_mut().zip(self.source) {
+            lobe.fixed_lanes(row, &mut ready.exponent, &mut ready.scale);
+            if lobe.family() == Family::Ggx {
+                let tan2 = |cos: f32| (1.0 - cos * cos).max(0.0) / (cos * cos);
+                ready.tan2 = [row.cos_i.map(tan2), row.cos_r.map(tan2)];
+            }
+            for part in 0..LANES / V::WIDTH {
+                scaled::<V>(objective.measure, (1.0 / brightness) as f32, row, part, ready);
+            }
+        }
     }
 }
 
@@ -170,22 +173,22 @@ const EMPTY: ReadyRow = ReadyRow {
     radiance: [[0.0; LANES]; 3],
 };
 
-/// One over the standard deviation of noise and model floor.
-#[inline]
-fn deviation(radiance: f32, variance: f32) -> f32 {
-    let floor = MODEL_FLOOR as f32 * radiance;
-    1.0 / (variance + floor * floor).sqrt()
-}
-
-/// Irradiance and radiance times `weight(radiance, variance)`; zero where there is no sample.
-#[inline]
-fn scaled(row: &Row, ready: &mut ReadyRow, weight: impl Fn(f32, f32) -> f32) {
+/// Irradiance and radiance over the standard deviation of the sample; zero where there is none.
+#[inline(always)]
+fn scaled<V: Vector>(measure: Measure, over_brightness: f32, row: &Row, part: usize, ready: &mut ReadyRow) {
+    let (zero, one) = (V::splat(0.0), V::splat(1.0));
     for c in 0..3 {
-        for lane in 0..LANES {
-            let radiance = row.radiance[c][lane];
-            let weight = if radiance > 0.0 { weight(radiance, row.variance[c][lane]) } else { 0.0 };
-            ready.irradiance[c][lane] = row.irradiance[c][lane] * weight;
-            ready.radiance[c][lane] = radiance * weight;
-        }
+        let radiance = V::load(&row.radiance[c], part);
+        let weight = match measure {
+            Measure::Absolute => V::splat(over_brightness),
+            Measure::Relative => one / radiance,
+            Measure::Noise => {
+                let floor = V::splat(MODEL_FLOOR as f32) * radiance;
+                one / floor.mul_add(floor, V::load(&row.variance[c], part)).sqrt()
+            }
+        };
+        let weight = radiance.if_greater(zero, weight, zero);
+        (V::load(&row.irradiance[c], part) * weight).store(&mut ready.irradiance[c], part);
+        (radiance * weight).store(&mut ready.radiance[c], part);
     }
 }

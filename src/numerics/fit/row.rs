@@ -104,6 +104,20 @@ impl Row {
         }
     }
 
+    /// Takes over one lane of another row.
+    pub(super) fn copy(&mut self, lane: usize, source: &Self, from: usize) {
+        self.light[lane] = source.light[from];
+        self.tan2_half[lane] = source.tan2_half[from];
+        self.cos_i[lane] = source.cos_i[from];
+        self.cos_r[lane] = source.cos_r[from];
+        self.cos_iv[lane] = source.cos_iv[from];
+        for c in 0..3 {
+            self.irradiance[c][lane] = source.irradiance[c][from];
+            self.radiance[c][lane] = source.radiance[c][from];
+            self.variance[c][lane] = source.variance[c][from];
+        }
+    }
+
     pub(super) fn set(&mut self, lane: usize, sample: &Sample) {
         // More than [`MAX_LIGHTS`] are refused before anything is gathered.
         self.light[lane] = u16::try_from(sample.light).unwrap_or(u16::MAX);

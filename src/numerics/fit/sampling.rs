@@ -1,6 +1,7 @@
 //! Which points settle the BRDF parameters: few are enough, if rare materials and highlights are among them.
 
-use super::initialise::{diffuse_albedo, features};
+use super::albedo::glances;
+use super::initialise::features;
 use super::kmeans;
 use super::observations::Observations;
 
@@ -8,7 +9,7 @@ use super::observations::Observations;
 const POOL: usize = 2;
 
 /// tan^2 of the half angle below which a point counts as near a highlight (17 degrees).
-const NEAR: f64 = 0.1;
+const NEAR: f32 = 0.1;
 
 /// Indices of at most `count` points, ascending: from points spread evenly over all, equal parts of every class of diffuse
 /// colour and of points near a highlight and away from any. The choice looks at colours and angles, not at residuals, so it
@@ -20,16 +21,15 @@ pub fn stratified(observations: &Observations, classes: usize, count: usize) -> 
     }
     let pool_size = total.min(POOL * count);
     let pool: Vec<usize> = (0..pool_size).map(|i| i * total / pool_size).collect();
+    let seen = glances(observations, &pool);
     let mut strata: Vec<Vec<usize>> = vec![Vec::new(); 2 * classes];
     let class = if classes > 1 {
-        let albedo = |&point: &usize| diffuse_albedo(observations.of(point));
-        kmeans::cluster(&features(&pool.iter().map(albedo).collect::<Vec<_>>()), classes)
+        kmeans::cluster(&features(&seen.iter().map(|glance| glance.albedo).collect::<Vec<_>>()), classes)
     } else {
         vec![0; pool.len()]
     };
-    for (&point, class) in pool.iter().zip(class) {
-        let near = observations.of(point).any(|sample| sample.angles.tan2_half < NEAR);
-        strata[2 * class + usize::from(near)].push(point);
+    for ((&point, glance), class) in pool.iter().zip(&seen).zip(class) {
+        strata[2 * class + usize::from(glance.least_tan2 < NEAR)].push(point);
     }
     let mut taken = share(&strata, count);
     taken.sort_unstable();

@@ -15,9 +15,11 @@ use super::prepared::{Prepared, Recipe, brightness};
 use super::sampling::stratified;
 use super::solver::{OnIteration, Refusal, Solution, Solver, Task, Termination};
 use super::unknowns::{Colour, Unknowns};
-use super::{Mixture, gauge};
+use super::{CHUNK, Mixture, gauge};
 use crate::numerics::brdf::Material;
+use crate::numerics::simd::LANES;
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 /// Roughnesses a search starts from.
 const BETA_STARTS: [f64; 3] = [0.06, 0.15, 0.35];
@@ -60,6 +62,11 @@ impl Problem for Projected<'_> {
     // Sums over samples are f32.
     fn noise(&self) -> f64 {
         1e-8
+    }
+
+    // With the weights eliminated the linear model holds far: more damping only costs steps.
+    fn damping(&self) -> f64 {
+        1e-4
     }
 }
 
@@ -197,7 +204,7 @@ pub fn descend(
     if task.materials > 1 {
         loosen(&mut medium, &found.materials, variance);
         let loose = stage(&medium, &found, Sign::Slack, MEDIUM_STOP);
-        match refusal_of_slack(some, &medium, recipe, [&found.materials, &loose.materials]) {
+        match refusal_of_slack(some, &medium, [&found.materials, &loose.materials]) {
             None => (sign, found) = (Sign::Slack, loose),
             Some(reason) => notes.push(format!("{reason}: the parameters were found with weights >= 0")),
         }
@@ -228,10 +235,9 @@ pub fn degrees_of_freedom(observations: &Observations, materials: usize) -> f64 
 fn refusal_of_slack(
     observations: &Observations,
     prepared: &Prepared,
-    recipe: &Recipe<'_>,
     [bounded, loose]: [&[Material]; 2],
 ) -> Option<String> {
-    match left_out_errors(observations, prepared, recipe.lobe, [bounded, loose]) {
+    match left_out_errors(observations, prepared, [bounded, loose]) {
         Some([bounded, loose]) if loose < bounded => None,
         Some(_) => Some("weights with slack predicted left-out lights worse".to_owned()),
         None => Some("no light can be left out to judge weights with slack".to_owned()),
@@ -263,14 +269,16 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points
 /// need no second copy in memory.
 pub fn stream_weights(observations: &Observations, recipe: &Recipe<'_>, materials: &[Material]) -> (Vec<f64>, f64) {
-    const PART: usize = 64;
-    let blocks = observations.blocks();
-    let (mut gamma, mut cost) = (Vec::with_capacity(observations.points() * materials.len()), 0.0);
-    for begin in (0..blocks).step_by(PART) {
-        let prepared = Prepared::of_blocks(observations, recipe, begin..(begin + PART).min(blocks));
-        let (part, part_cost) = kernel::weights(&prepared, materials, Sign::NonNegative);
-        gamma.extend(part);
-        cost += part_cost * prepared.unit2;
-    }
-    (gamma, cost)
+    const PART: usize = CHUNK / LANES;
+    let count = materials.len();
+    let mut gamma = vec![0.0; observations.points() * count];
+    let part = |(index, gamma): (usize, &mut [f64])| {
+        let begin = index * PART;
+        let prepared = Prepared::of_blocks(observations, recipe, begin..(begin + PART).min(observations.blocks()));
+        let (found, cost) = kernel::weights(&prepared, materials, Sign::NonNegative);
+        gamma.copy_from_slice(&found);
+        cost * prepared.unit2
+    };
+    let costs: Vec<f64> = gamma.par_chunks_mut(CHUNK * count).enumerate().map(part).collect();
+    (gamma, costs.iter().sum())
 }

@@ -5,6 +5,7 @@
 //! material's lobe, e times each lobe's slope. Their Gram matrix is gathered once a point; all else follows from it.
 //! Sums over samples are f32, one lane a point; sums over points are f32 within a chunk and f64 across chunks.
 
+mod left_out;
 mod point;
 mod quadratic;
 
@@ -12,6 +13,7 @@ use super::prepared::{BLOCKS, Prepared};
 use super::{CHUNK, MAX_MATERIALS};
 use crate::numerics::brdf::Material;
 use crate::numerics::simd::{LANES, Lane, Level, Vector, Work};
+pub use left_out::{Groups, left_out};
 use point::{Evaluated, Point, accumulate};
 use rayon::prelude::*;
 use std::f64::consts::FRAC_1_PI;

@@ -39,6 +39,12 @@ impl<V: Vector, const M: usize, const T: usize> Evaluated<V, M, T> {
         Self { products: [one; T], unit: [[one; M]; 3], weight: [one; 3], kept: one }
     }
 
+    /// Leaves out the samples where `kept` is 0.
+    #[inline(always)]
+    pub(super) fn keep(&mut self, kept: V) {
+        (self.kept, self.weight) = (kept, [kept; 3]);
+    }
+
     /// Basis function `i`.
     #[inline(always)]
     fn basis(&self, i: usize) -> V {
@@ -100,9 +106,8 @@ impl<const M: usize> Point<'_, M> {
                     let rho_s = V::splat(self.alpha.rho_s[m][c]);
                     evaluated.unit[c][m] = e * rho_s.mul_add(basis[1 + m], V::splat(self.alpha.rho_d[m][c]));
                 }
-                evaluated.weight[c] = one;
             }
-            evaluated.kept = one;
+            evaluated.keep(one);
             if NORMAL {
                 for i in 1..B {
                     evaluated.products[triangle(i, 0)] = basis[i];
