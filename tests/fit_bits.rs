@@ -12,7 +12,7 @@ use rigd::numerics::fit::weights::WeightRule;
 use rigd::numerics::geometry::{Angles, Vec3};
 use std::ops::ControlFlow;
 
-/// Points of a ball mixed of two materials, 2 % noise: several chunks of points, and lanes left over.
+/// Points of a ball mixed of two materials, 2 % noise: four chunks of points, for two can be summed in one order only.
 fn ball(points: usize) -> Observations {
     let mut rng = StdRng::seed_from_u64(31);
     let materials = [
@@ -60,9 +60,9 @@ fn bits(solution: &Solution) -> Vec<u64> {
 
 #[test]
 fn one_two_or_three_threads() {
-    let observations = ball(300);
+    let observations = ball(800);
     for solver in SOLVERS {
-        for objective in [Objective::NOISE, Objective::NOISE_CAUCHY, Objective::ABSOLUTE] {
+        for objective in [Objective::NOISE_CAUCHY, Objective::ABSOLUTE] {
             let task = Task { lobe: &Ward, objective, materials: 2, colour: Colour::Coloured, rule: WeightRule::Exact };
             let run = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
