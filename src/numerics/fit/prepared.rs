@@ -123,6 +123,11 @@ impl Prepared {
         self.floors.get(block)
     }
 
+    /// Residuals there is room for.
+    pub fn residuals(&self) -> usize {
+        3 * LANES * self.rows.len()
+    }
+
     /// Number of blocks.
     pub fn blocks(&self) -> usize {
         self.first.len() - 1

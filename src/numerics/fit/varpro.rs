@@ -59,9 +59,9 @@ impl Problem for Projected<'_> {
         self.unknowns.reduce(&kernel::normal(self.prepared, &self.unknowns.unpack(x), self.sign))
     }
 
-    // Sums over samples are f32.
+    // A residual is rounded by some 1e-6 of it (f32 against a noise of percents), each in its own way.
     fn noise(&self) -> f64 {
-        1e-8
+        1e-5 / (self.prepared.residuals() as f64).sqrt()
     }
 
     // With the weights eliminated the linear model holds far: more damping only costs steps.

@@ -18,7 +18,7 @@ use crate::study::score::score;
 use nalgebra::{DMatrix, DVector};
 use std::ops::ControlFlow;
 
-const FINE: Stop = Stop { relative_decrease: 1e-12, iterations: 200 };
+const FINE: Stop = Stop { relative_decrease: 1e-10, iterations: 200 };
 
 /// What one seed showed.
 pub struct Measured {

@@ -192,7 +192,7 @@ impl<const M: usize> Point<'_, M> {
         minimum: &Minimum<V, M>,
         totals: &mut Totals<N, H>,
     ) {
-        self.add_residuals::<V, B, T, N, H>(evaluated, minimum, totals);
+        let mut left = self.add_residuals::<V, B, T, N, H>(evaluated, minimum, totals);
         let mut coupling = [[[V::splat(0.0); M]; PER_MATERIAL]; M];
         for c in 0..3 {
             let gram = self.gram(c, evaluated);
@@ -207,6 +207,16 @@ impl<const M: usize> Point<'_, M> {
             }
         }
         self.add_schur(&coupling, totals);
+        // Rounding leaves the weights a little off their optimum: what the residuals still say of them is taken off the
+        // gradient, or it would blur the directions the data hardly see.
+        minimum.factor.forward(&mut left);
+        for (i, row) in coupling.as_flattened().iter().enumerate() {
+            let mut rest = V::splat(0.0);
+            for k in 0..M {
+                rest = row[k].mul_add(left[k] * roots[k], rest);
+            }
+            accumulate(&mut totals.gradient[i], self.part, rest);
+        }
     }
 
     /// Products of the basis functions of channel `c` summed over the rows.
@@ -237,15 +247,16 @@ impl<const M: usize> Point<'_, M> {
         cost.total()
     }
 
-    /// Adds the cost and the gradient.
+    /// Adds the cost and the gradient; returns the products of the residuals with the derivatives by the weights.
     #[inline(always)]
     fn add_residuals<V: Vector, const B: usize, const T: usize, const N: usize, const H: usize>(
         &self,
         evaluated: &[Evaluated<V, M, T>],
         minimum: &Minimum<V, M>,
         totals: &mut Totals<N, H>,
-    ) {
+    ) -> [V; M] {
         let zero = V::splat(0.0);
+        let mut left = [zero; M];
         let minus_gamma = minus(&minimum.gamma);
         let mut cost = Cost::new(self.cauchy);
         let mut slope = [zero; M];
@@ -263,13 +274,16 @@ impl<const M: usize> Point<'_, M> {
             for m in 0..M {
                 accumulate(&mut totals.gradient[m * PER_MATERIAL + c], self.part, minus_gamma[m] * along[0]);
                 accumulate(&mut totals.gradient[m * PER_MATERIAL + 3 + c], self.part, minus_gamma[m] * along[1 + m]);
-                slope[m] = V::splat(self.alpha.rho_s[m][c]).mul_add(along[1 + M + m], slope[m]);
+                let (rho_d, rho_s) = (V::splat(self.alpha.rho_d[m][c]), V::splat(self.alpha.rho_s[m][c]));
+                slope[m] = rho_s.mul_add(along[1 + M + m], slope[m]);
+                left[m] = rho_d.mul_add(along[0], rho_s.mul_add(along[1 + m], left[m]));
             }
         }
         for m in 0..M {
             accumulate(&mut totals.gradient[m * PER_MATERIAL + 6], self.part, minus_gamma[m] * slope[m]);
         }
         accumulate(&mut totals.cost, self.part, cost.total());
+        left
     }
 
     /// Adds to the products of the derivatives by the BRDF parameters with those by the weights what channel `c` gives.
