@@ -126,8 +126,12 @@ pub fn predicted(
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::numerics::fit::observations::tests::synthetic;
+    use crate::numerics::brdf::ward::Ward;
+    use crate::numerics::fit::objective::Objective;
+    use crate::numerics::fit::observations::tests::{noisy, synthetic};
+    use crate::numerics::fit::weights::{WeightRule, solve_weights};
 
     /// Lights that were left out before count for nothing: of seven, three are too few, five make five groups.
     #[test]
@@ -143,5 +147,24 @@ mod tests {
             assert!(fold.left_out.iter().all(|(_, sample)| sample.light == light));
             assert!(fold.rest.all().all(|sample| sample.light != light));
         }
+    }
+
+    /// The vector pass against the f64 code: filtered observations, exact weights, one sample after the other.
+    #[test]
+    fn errors_of_fixed_materials_are_those_of_the_f64_code() {
+        let (exact, truth) = synthetic(150, 2, 82);
+        let observations = noisy(&exact, 0.05, 82);
+        let recipe = Recipe { lobe: &Ward, objective: Objective::NOISE, brightness: 1.0 };
+        let prepared = Prepared::new(&observations, &recipe);
+        let [found] = left_out_errors(&observations, &prepared, [&truth.materials]).unwrap();
+        let (mut sum, mut count) = (0.0, 0.0);
+        for fold in &Folds::new(&observations).folds {
+            let gamma = solve_weights(&Ward, &truth.materials, recipe.objective, WeightRule::Exact, &fold.rest);
+            for (point, sample) in &fold.left_out {
+                sum += relative_error(sample, predict(&Ward, &truth.materials, &gamma[2 * point..][..2], sample));
+                count += 1.0;
+            }
+        }
+        assert!((found * count / sum - 1.0).abs() < 1e-4, "{found} for {}", sum / count);
     }
 }

@@ -88,7 +88,7 @@ impl Observations {
 
     /// Adds a point of so many samples; returns the rows it stands in.
     fn open(&mut self, pixel: usize, samples: usize) -> &mut [Row] {
-        if self.pixel.len() % LANES == 0 {
+        if self.pixel.len().is_multiple_of(LANES) {
             self.first.push(self.rows.len());
         }
         let first = self.first[self.first.len() - 1];
