@@ -24,12 +24,9 @@ const REPORTED: f64 = 1e-6;
 /// Where a search stops, and by how much the cost of its parameters in f64 may then exceed the optimum, relative.
 ///
 /// At 1e-6 the last step is taken unseen when it promises less than 1e-7. Kaufman's form leaves a tenth of the offset after a
-/// step here (spectral radius 0.06 to 0.10), a hundredth of the cost: 1e-9. Rounding of the sums comes on top: over 40
-/// orders of the points the worst was 9e-9.
-/// At 1e-8, where the solvers stop, the search follows differences of the reported cost that are rounding (see [`REPORTED`]):
-/// it takes any step that seems to lower the cost, and the true cost may rise by as much as one deviation of that noise. The
-/// worst of 40 orders was 8e-8.
-const STOPS: [(f64, f64); 2] = [(1e-6, 2e-8), (1e-8, 3e-7)];
+/// step here (spectral radius 0.06 to 0.10), a hundredth of the cost: 1e-9, ten times which is allowed. At 1e-8, where the
+/// solvers stop, it is 1e-11.
+const STOPS: [(f64, f64); 2] = [(1e-6, 1e-8), (1e-8, 1e-10)];
 
 /// No parameter may lie farther off than this in its own standard errors, whatever the stop allows.
 const OFFSET: f64 = 0.05;
