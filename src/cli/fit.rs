@@ -19,7 +19,7 @@ pub struct Args {
     #[arg(long, default_value = "rigd-result")]
     pub out: PathBuf,
     /// Number of materials, 1 to 4, or auto: left-out lights decide.
-    #[arg(long, default_value = "auto", value_parser = parse_materials)]
+    #[arg(long, default_value = "auto", value_parser = parse_materials, allow_negative_numbers = true)]
     pub materials: Materials,
     /// BRDF model, by name.
     #[arg(long, default_value = AUTO, help = format!("BRDF model: {}", models().join(", ")))]
@@ -137,15 +137,20 @@ pub fn show(parameter: &Parameter) -> String {
     }
 }
 
+/// So many things, in words.
+fn counted(count: usize, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Parameters and errors as a table.
 pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Result<()> {
     let report = &fitted.report;
     writeln!(
         out,
-        "{} points, {} samples, {} material(s), {} by {} ({} objective), {} after {} iterations, {:.2} s",
-        report.pixels,
-        report.samples,
-        report.materials,
+        "{}, {}, {}, {} by {} ({} objective), {} after {} iterations, {:.2} s",
+        counted(report.pixels, "point"),
+        counted(report.samples, "sample"),
+        counted(report.materials, "material"),
         report.model,
         report.solver,
         report.objective,
@@ -173,20 +178,24 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
     }
     writeln!(
         out,
-        "mean relative error {}; highlights {}; left-out lights {}; chi2 per degree of freedom {:.2}; cosines above {}",
+        "mean relative error {}; highlights {}; {}; chi2 per degree of freedom {:.2}; cosines above {}",
         percent(Some(report.mean_relative_error)),
         percent(report.highlight_relative_error),
-        percent(report.left_out_relative_error),
+        match report.left_out_relative_error {
+            Some(error) => format!("left-out lights {}", percent(Some(error))),
+            None if report.left_out.is_empty() => "no light left out".to_owned(),
+            None => "left-out lights have no usable sample".to_owned(),
+        },
         report.reduced_chi2,
         report.cosine_cutoff
     )?;
-    writeln!(out, "tried, each light left out in turn (by varpro, at some of the points):")?;
+    writeln!(out, "tried (by varpro, at some of the points), with the error on lights left out in turn:")?;
     for candidate in &report.candidates {
         writeln!(
             out,
-            "{} {} material(s), {} {}{}: {}; {}",
+            "{} {}, {} {}{}: {}; {}",
             if candidate.taken { "->" } else { "  " },
-            candidate.materials,
+            counted(candidate.materials, "material"),
             candidate.lobe,
             candidate.model,
             if candidate.light_gains { ", light gains" } else { "" },

@@ -27,9 +27,14 @@ const SAME_HUE: f64 = 0.9994;
 /// Difference of ln(beta) below which two lobes are the same.
 const SAME_LOBE: f64 = 0.1;
 
+/// Points below which nothing tells a model that fits from one that is right.
+pub const FEW_POINTS: usize = 20;
+
 /// What is known of a fit beside its parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence {
+    /// Points fitted to.
+    pub points: usize,
     /// False when the solver was still gaining.
     pub converged: bool,
     /// True when left-out lights are predicted as well with one material fewer.
@@ -131,6 +136,10 @@ fn lower(parameter: &mut Parameter, (identified, reason): &Doubt) {
 
 /// What makes every parameter doubtful.
 fn general_doubt(evidence: &Evidence) -> Option<Doubt> {
+    if evidence.points < FEW_POINTS {
+        let reason = format!("fitted to fewer than {FEW_POINTS} points: any model fits so few");
+        return Some((Identified::Unidentified, reason));
+    }
     if evidence.superfluous {
         let reason = "left-out lights do not need this many materials: the split is not determined";
         return Some((Identified::Unidentified, reason.to_owned()));
@@ -214,8 +223,7 @@ fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations, seen: &S
         return Some((Identified::Unidentified, "no sample within 2 beta of the half vector".to_owned()));
     }
     if near < LEAST_NEAR {
-        let reason =
-            format!("only {near} samples within 2 beta of the half vector: the lobe is narrower than the points");
+        let reason = format!("too few samples within 2 beta of the half vector to tell the lobe: {near}");
         return Some((Identified::Weak, reason));
     }
     let (highlights, lost) = (seen.highlights, observations.unusable_highlight);

@@ -1,7 +1,7 @@
 //! Chooses, fits and judges materials for observations, however they came about.
 
 use super::fit::{FitError, FitOptions, FitProgress, OnProgress};
-use super::identify::{self, Evidence, MISFIT};
+use super::identify::{self, Evidence, FEW_POINTS, MISFIT};
 use super::inputs;
 use super::options::Chosen;
 use super::report::MaterialReport;
@@ -103,6 +103,7 @@ pub(super) fn judge(
         .ok_or_else(|| FitError::Input("there is no sample to judge the fit by".to_owned()))?;
     let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
     let evidence = Evidence {
+        points: fitted.points(),
         converged: solution.termination == Termination::Converged,
         superfluous: superfluous(&candidates),
         reduced_chi2,
@@ -165,9 +166,12 @@ pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi
     }
     if reduced_chi2 > MISFIT {
         warnings.push(format!(
-            "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off",
+            "residuals are {:.1} times what noise and a 2 % model floor explain: the model, the light positions or the shape are off, or the solver stopped short of the optimum",
             reduced_chi2.sqrt()
         ));
+    }
+    if observations.points() < FEW_POINTS {
+        warnings.push(format!("fewer than {FEW_POINTS} points ({}): any model fits so few", observations.points()));
     }
     if observations.unusable > 0 {
         warnings.push(format!(
@@ -188,7 +192,8 @@ fn warnings_about(
     let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
     if evidence.superfluous {
         warnings.push(
-            "left-out lights are predicted as well with one material fewer: one of the materials is a ghost".to_owned(),
+            "left-out lights are predicted as well or better with one material fewer: one of the materials is a ghost"
+                .to_owned(),
         );
     }
     if candidates.iter().all(|c| c.left_out.is_none()) {

@@ -95,7 +95,8 @@ pub(super) struct Chosen {
 impl FitOptions {
     /// Resolves the names for a dataset with this many lights and this cosine cut-off.
     pub(super) fn resolve(&self, lights: usize, cosine_cutoff: f64) -> Result<Chosen, FitError> {
-        let lobe = if self.model == AUTO { None } else { Some(self.lobe_named()?) };
+        let solver = solver::by_name(&self.solver).ok_or_else(|| one_of("solver", &self.solver, &solvers()))?;
+        let lobe = if self.model == AUTO { solver.only_model() } else { Some(self.lobe_named()?) };
         let colour = match (self.lobe.as_str(), lobe) {
             (_, Some(lobe)) if !lobe.has_lobe() => Some(Colour::None),
             (AUTO, _) => None,
@@ -120,7 +121,6 @@ impl FitOptions {
             Objective::by_name(&self.objective).ok_or_else(|| one_of("objective", &self.objective, &objectives()))?;
         let rule =
             WeightRule::by_name(&self.weights).ok_or_else(|| one_of("weight rule", &self.weights, &WEIGHT_RULES))?;
-        let solver = solver::by_name(&self.solver).ok_or_else(|| one_of("solver", &self.solver, &solvers()))?;
         if rule == WeightRule::Paper && self.solver != "zheng2008" {
             return Err(FitError::Input(format!(
                 "weights \"paper\" (sum of weights at most 1) is a rule of the solver zheng2008: choose it, or weights \"exact\" for {}",

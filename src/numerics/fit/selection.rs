@@ -245,7 +245,7 @@ impl Choice<'_> {
         let best = &mut self.tried[self.best];
         best.taken = true;
         if best.reason.is_empty() {
-            best.reason = "nothing tried was better".to_owned();
+            best.reason = "nothing else that may be taken was better".to_owned();
         }
         self.tried
     }
@@ -274,7 +274,7 @@ fn worth(
         }
         let better = new.beats(old, gain);
         let bic = if (change < 0.0) == better { "BIC agrees" } else { "BIC disagrees" };
-        let error = format!("{what}: {:+.1} % left-out error", 100.0 * (new.error() / old.error() - 1.0));
+        let error = format!("{what}: {} % left-out error", signed(new.error() / old.error() - 1.0));
         let asked = if gain < 0.0 { "may rise by" } else { "must fall by" };
         let asked = format!("{asked} {:.1} %", 100.0 * gain.abs());
         let loss = new.loses_highlights(old).filter(|_| highlights == Highlights::Kept || change >= 0.0);
@@ -286,6 +286,12 @@ fn worth(
             (false, _) => Err(format!("{error}, refused ({asked}); {bic}")),
         }
     }
+}
+
+/// A change in percent, with its sign unless it rounds to nothing.
+fn signed(change: f64) -> String {
+    let percent = format!("{:+.1}", 100.0 * change);
+    if percent.ends_with("0.0") && percent.len() == 4 { "0.0".to_owned() } else { percent }
 }
 
 impl Scene {

@@ -68,7 +68,9 @@ pub struct Solution {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
     /// It knows one reflection model only.
-    #[error("the solver {solver} knows the model {needs} only, not {model}: choose that model or another solver")]
+    #[error(
+        "the solver {solver} knows the model {needs} only, not {model}: choose the model {needs} or auto, or another solver"
+    )]
     OtherModel {
         /// The solver.
         solver: &'static str,
@@ -92,6 +94,11 @@ pub trait Solver: Sync {
     /// True when the solver fits a specular albedo for each channel and knows no other lobe.
     fn coloured_only(&self) -> bool {
         false
+    }
+
+    /// The one reflection model the solver knows; none where it fits any.
+    fn only_model(&self) -> Option<&'static dyn Lobe> {
+        None
     }
 
     /// True for a solver that refuses observations without the azimuths of their lights

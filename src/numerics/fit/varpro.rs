@@ -239,8 +239,8 @@ fn refusal_of_slack(
 ) -> Option<String> {
     match left_out_errors(observations, prepared, [bounded, loose]) {
         Some([bounded, loose]) if loose < bounded => None,
-        Some(_) => Some("weights with slack predicted left-out lights worse".to_owned()),
-        None => Some("no light can be left out to judge weights with slack".to_owned()),
+        Some(_) => Some("weights that may fall a little below 0 predicted left-out lights worse".to_owned()),
+        None => Some("no light can be left out to judge weights that may fall a little below 0".to_owned()),
     }
 }
 

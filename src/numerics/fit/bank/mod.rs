@@ -38,6 +38,10 @@ impl Solver for Bank {
         true
     }
 
+    fn only_model(&self) -> Option<&'static dyn Lobe> {
+        Some(&Ward)
+    }
+
     fn solve(&self, observations: &Observations, task: &Task, progress: OnIteration<'_>) -> Result<Solution, Refusal> {
         if task.lobe.name() != Ward.name() {
             return Err(Refusal::OtherModel { solver: self.name(), needs: Ward.name(), model: task.lobe.name() });

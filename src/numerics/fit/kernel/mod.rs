@@ -5,6 +5,7 @@
 //! material's lobe, e times each lobe's slope. Their Gram matrix is gathered once a point; all else follows from it.
 //! Sums over samples are f32, one lane a point; sums over points are f32 within a chunk and f64 across chunks.
 
+mod equations;
 mod left_out;
 mod point;
 mod quadratic;
