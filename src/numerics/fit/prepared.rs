@@ -105,7 +105,7 @@ impl Prepared {
         }
     }
 
-    /// Lets weights fall to [`SLACK`] of their standard deviations below zero under `Sign::Slack`: `deviations` are those
+    /// Lets weights fall to 2.75 of their standard deviations below zero under `Sign::Slack`: `deviations` are those
     /// for residuals of unit variance, `materials` a point.
     pub fn loosen(&mut self, deviations: &[f64], materials: usize, residual_variance: f64) {
         let slack = SLACK * residual_variance.sqrt();
