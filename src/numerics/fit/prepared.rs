@@ -18,7 +18,7 @@ pub(super) const BLOCKS: usize = CHUNK / LANES;
 /// Standard deviations of a weight that is zero below which noise hardly ever puts it.
 ///
 /// Less clips noise and biases the BRDF parameters; more lets them wander where only the sign of the weights holds them. On
-/// marble and wood at 2 % noise their errors are largest over their standard errors on either side of 2.6 to 3.
+/// marble and wood at 2 % noise their intervals hold from 2.6 to 3 (docs/study.md, Weights below zero).
 const SLACK: f64 = 2.75;
 
 /// A [`Row`] made ready.
@@ -105,7 +105,7 @@ impl Prepared {
         }
     }
 
-    /// Lets weights fall to 2.75 of their standard deviations below zero under `Sign::Slack`: `deviations` are those
+    /// Lets weights fall to `SLACK` of their standard deviations below zero under `Sign::Slack`: `deviations` are those
     /// for residuals of unit variance, `materials` a point.
     pub fn loosen(&mut self, deviations: &[f64], materials: usize, residual_variance: f64) {
         let slack = SLACK * residual_variance.sqrt();

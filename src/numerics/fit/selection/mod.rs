@@ -1,28 +1,16 @@
 //! No more than the scene needs: number of materials, reflection model, colour of the lobe and light gains, each judged by
 //! left-out lights. A further freedom is taken only if it lowers the error on lights the fit never saw.
 
-use super::folds::{Folds, LeftOut, predicted};
-use super::gains::light_gains;
-use super::kernel::{self, Sign};
-use super::levmar::Stop;
+mod scene;
+
+use super::MAX_MATERIALS;
+use super::folds::LeftOut;
 use super::objective::Objective;
 use super::observations::Observations;
-use super::prepared::{Prepared, Recipe, brightness};
-use super::sampling::stratified;
 use super::unknowns::Colour;
-use super::varpro::{multi_start, search};
-use super::{MAX_MATERIALS, Mixture};
 use crate::numerics::brdf::{self, Lobe};
+use scene::Scene;
 use std::ops::ControlFlow;
-
-/// Points that decide: BRDF parameters are settled by far fewer than an image has.
-const POINTS: usize = 800;
-
-/// Points of the search for a start.
-const START_POINTS: usize = 384;
-
-/// Classes of colour that the deciding points are spread over.
-const CLASSES: usize = 3;
 
 /// One more material must lower the left-out error by this much, relative, to be worth having; another model, or a gain for
 /// each light, by that much.
@@ -34,10 +22,6 @@ const LOSS: f64 = 0.003;
 
 /// What is taken may not raise the error on left-out highlights by more than this, relative.
 const HIGHLIGHT_LOSS: f64 = 0.1;
-
-/// When the search under all lights stops, and those without a group of them, which start from it.
-const STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 40 };
-const FOLD_STOP: Stop = Stop { relative_decrease: 1e-4, iterations: 3 };
 
 /// What is to be chosen: none where the caller leaves it to the data.
 #[derive(Clone, Copy)]
@@ -106,8 +90,7 @@ pub fn select(
     wishes: Wishes,
     go_on: &mut dyn FnMut() -> ControlFlow<()>,
 ) -> Vec<Candidate> {
-    let points = observations.select(&stratified(observations, CLASSES, POINTS));
-    let scene = Scene { folds: Folds::new(&points), brightness: brightness(&points), points, objective };
+    let scene = Scene::new(observations, objective);
     let mut choice = Choice { scene: &scene, tried: Vec::new(), best: 0, go_on };
     match choose(&mut choice, wishes) {
         ControlFlow::Continue(()) => choice.finish(),
@@ -134,14 +117,6 @@ fn choose(choice: &mut Choice<'_>, wishes: Wishes) -> ControlFlow<()> {
         Some(false) => ControlFlow::Continue(()),
         wish => choice.light_gains(wish == Some(true)),
     }
-}
-
-/// The points that decide.
-struct Scene {
-    points: Observations,
-    folds: Folds,
-    brightness: f64,
-    objective: Objective,
 }
 
 struct Choice<'a> {
@@ -292,58 +267,6 @@ fn worth(
 fn signed(change: f64) -> String {
     let percent = format!("{:+.1}", 100.0 * change);
     if percent.ends_with("0.0") && percent.len() == 4 { "0.0".to_owned() } else { percent }
-}
-
-impl Scene {
-    fn evaluate(&self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> Candidate {
-        self.judge(&self.points, &self.folds, materials, lobe, colour, None)
-    }
-
-    /// The best candidate once more, on irradiances times the gains found with it.
-    fn evaluate_with_gains(&self, best: &Candidate) -> Candidate {
-        let recipe = self.recipe(best.lobe);
-        let mut gains = vec![1.0; self.points.lights];
-        for _ in 0..2 {
-            let points = self.points.with_gains(&gains);
-            let (mixture, _) = self.fit(&points, &recipe, best.materials, best.colour);
-            let more = light_gains(best.lobe, &mixture, &points);
-            gains.iter_mut().zip(more).for_each(|(gain, more)| *gain *= more);
-        }
-        let folds = self.folds.with_gains(&gains);
-        self.judge(&self.points.with_gains(&gains), &folds, best.materials, best.lobe, best.colour, Some(gains))
-    }
-
-    fn judge(
-        &self,
-        points: &Observations,
-        folds: &Folds,
-        materials: usize,
-        lobe: &'static dyn Lobe,
-        colour: Colour,
-        gains: Option<Vec<f64>>,
-    ) -> Candidate {
-        let recipe = self.recipe(lobe);
-        let (mixture, cost) = self.fit(points, &recipe, materials, colour);
-        let refit = |rest: &Prepared| search(rest, &mixture.materials, colour, Sign::NonNegative, FOLD_STOP).materials;
-        let left_out = predicted(folds, &recipe, refit);
-        let residuals = (3 * points.samples()) as f64;
-        let in_use = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();
-        let unknowns = in_use + materials * (colour.unknowns() - 1) + gains.as_ref().map_or(0, |g| g.len() - 1);
-        let bic = residuals * (cost / residuals).max(f64::MIN_POSITIVE).ln() + unknowns as f64 * residuals.ln();
-        Candidate { materials, lobe, colour, gains, left_out, bic, taken: false, reason: String::new() }
-    }
-
-    fn recipe(&self, lobe: &'static dyn Lobe) -> Recipe<'static> {
-        Recipe { lobe, objective: self.objective, brightness: self.brightness }
-    }
-
-    fn fit(&self, points: &Observations, recipe: &Recipe<'_>, materials: usize, colour: Colour) -> (Mixture, f64) {
-        let start = multi_start(&points.subset(START_POINTS), recipe, materials, colour);
-        let prepared = Prepared::new(points, recipe);
-        let found = search(&prepared, &start.materials, colour, Sign::NonNegative, STOP);
-        let (gamma, cost) = kernel::weights(&prepared, &found.materials, Sign::NonNegative);
-        (Mixture { materials: found.materials, gamma }, cost)
-    }
 }
 
 #[cfg(test)]
