@@ -113,7 +113,7 @@ pub fn weights_at(level: Level, prepared: &Prepared, materials: &[Material], sig
     (chunks.into_iter().flat_map(|chunk| chunk.0).collect(), cost)
 }
 
-/// Non-negative weights of the points of a part, at most [`CHUNK`], and the cost they leave, in prepared units.
+/// Non-negative weights of the points of a part of at most a chunk, and the cost they leave, in prepared units.
 pub fn part_weights(prepared: &Prepared, materials: &[Material], gamma: &mut [f64]) -> f64 {
     let mut cost = [0.0; LANES];
     let (sign, blocks) = (Sign::NonNegative, 0..prepared.blocks());
