@@ -1,5 +1,6 @@
 //! A bracket of 8-bit frames, and the test whether its images contradict its times.
 
+use super::contradictions;
 use crate::numerics::image::Image;
 
 /// Why frames are no usable bracket. Every message names the frames and says what to do.
@@ -48,8 +49,45 @@ pub enum BracketError {
         time_s: f64,
     },
     /// Longer exposures that are not brighter.
-    #[error("the images contradict the listed times: {}; correct the times or leave these frames out", list(.0))]
-    Contradicts(Vec<PairTest>),
+    #[error("the images contradict the listed times: {}; {remedy}", list(.pairs))]
+    Contradicts {
+        /// The pairs that do.
+        pairs: Vec<PairTest>,
+        /// What seems to have happened, and what to do.
+        remedy: String,
+    },
+    /// One picture under two times.
+    #[error(
+        "frames {a} and {b} are the same picture, pixel for pixel, under two times: give the file of the exposure that is missing"
+    )]
+    SamePicture {
+        /// A frame.
+        a: String,
+        /// The other.
+        b: String,
+    },
+    /// Nothing is exposed.
+    #[error("every frame is {what}: {frame} is the nearest to an exposure, with green at level {level}; {remedy}")]
+    NothingExposed {
+        /// Black or clipped.
+        what: &'static str,
+        /// The frame nearest to being exposed.
+        frame: String,
+        /// Its level.
+        level: u8,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// Too few frames show the same pixels.
+    #[error(
+        "{found} frames show enough of what another frame shows, at least {needed} must: shoot exposures at most 2 EV apart, none black or clipped"
+    )]
+    TooFewOverlap {
+        /// Frames that overlap.
+        found: usize,
+        /// Frames needed.
+        needed: usize,
+    },
     /// Too little of the level range is seen to solve for a response.
     #[error(
         "{channel}: {pixels} pixels have usable levels in two frames, covering levels {lowest} to {highest}; \
@@ -138,18 +176,37 @@ impl Bracket {
         self.level_variance
     }
 
+    /// The same frames with other times (seconds, in the order of the frames, one each).
+    pub fn with_times(&self, times_s: &[f64]) -> Result<Self, BracketError> {
+        if times_s.len() != self.exposures.len() {
+            return Err(BracketError::TooFewFrames { found: self.exposures.len(), needed: times_s.len() });
+        }
+        let mut exposures = self.exposures.clone();
+        exposures.iter_mut().zip(times_s).for_each(|(frame, &time_s)| frame.time_s = time_s);
+        Self::new(exposures, self.level_variance)
+    }
+
+    /// Refuses frames that are black or clipped all over, every one: nothing can be measured on them.
+    pub fn check_exposed(&self) -> Result<(), BracketError> {
+        contradictions::check_exposed(&self.exposures)
+    }
+
     /// Compares every exposure with the next clearly longer one, without any response: where the shorter frame's green is well
     /// exposed, the longer one must be brighter. Returns what each pair said; refuses the bracket, naming the frames, when images
-    /// and times contradict each other. On sound brackets at most 1.8 % of the pixels fail to get brighter, on false ones 10 %
-    /// and more.
+    /// and times contradict each other and when one picture stands under two times. On sound brackets at most 1.8 % of the pixels
+    /// fail to get brighter, on false ones 10 % and more.
     pub fn check_times(&self) -> Result<Vec<PairTest>, BracketError> {
+        contradictions::check_different(&self.exposures)?;
         let longer = |(i, shorter): (usize, &Exposure)| {
             let clearly = |frame: &&Exposure| frame.time_s >= PairTest::MIN_RATIO * shorter.time_s;
             self.exposures[i + 1..].iter().find(clearly).map(|longer| PairTest::new(shorter, longer))
         };
-        let pairs: Vec<PairTest> = self.exposures.iter().enumerate().filter_map(longer).collect();
-        let bad: Vec<PairTest> = pairs.iter().filter(|p| p.verdict == Verdict::Contradicts).cloned().collect();
-        if bad.is_empty() { Ok(pairs) } else { Err(BracketError::Contradicts(bad)) }
+        let all: Vec<PairTest> = self.exposures.iter().enumerate().filter_map(longer).collect();
+        let pairs: Vec<PairTest> = all.iter().filter(|p| p.verdict == Verdict::Contradicts).cloned().collect();
+        if pairs.is_empty() {
+            return Ok(all);
+        }
+        Err(BracketError::Contradicts { pairs, remedy: contradictions::remedy(&self.exposures) })
     }
 }
 

@@ -1,0 +1,2 @@
+//! Calibration from photographs: reports that are stored and used again.
+pub mod response;

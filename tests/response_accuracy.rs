@@ -1,0 +1,120 @@
+//! Accuracy of exposure ratios and response curves on simulated EOS 5D brackets. The long form, over 20 seeds, prints the table of
+//! docs/calibrate-response.md: `cargo test --release --test response_accuracy -- --ignored --nocapture`.
+#![allow(clippy::unwrap_used)]
+
+mod response_camera;
+
+use response_camera::{FULL_WELL_E, READ_NOISE_E, Shoot, Shot, THIRDS, TONES, Tone};
+use rigd::numerics::radiometry::bracket::Bracket;
+use rigd::numerics::radiometry::noise::SensorNoise;
+use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Response, recover};
+use rigd::numerics::radiometry::robertson::robertson;
+use rigd::numerics::radiometry::times::{LinearSamples, MeasuredTimes};
+
+const NOISE: SensorNoise = SensorNoise { full_well_e: FULL_WELL_E, read_noise_e: READ_NOISE_E };
+
+/// Relative error of every time, both sets scaled to agree at the reference.
+fn errors(measured: &MeasuredTimes, truth: &[f64]) -> Vec<f64> {
+    let reference = measured.reference;
+    let ratio = |i: usize| measured.frames[i].time_s / measured.frames[reference].time_s * truth[reference] / truth[i];
+    (0..truth.len()).map(|i| ratio(i) - 1.0).collect()
+}
+
+fn worst(errors: &[f64]) -> f64 {
+    errors.iter().fold(0.0, |a, e| a.max(e.abs()))
+}
+
+/// Squares of error over standard error.
+fn pulls(measured: &MeasuredTimes, truth: &[f64]) -> Vec<f64> {
+    let errors = errors(measured, truth);
+    let of = |i: usize| measured.frames[i].sigma.filter(|s| *s > 0.0).map(|s| (errors[i] / s).powi(2));
+    (0..truth.len()).filter_map(of).collect()
+}
+
+/// Greatest relative error of a response over levels `range(channel)`.
+fn curve_error(response: &Response, tone: Tone, lowest: impl Fn(usize) -> usize, highest: usize) -> f64 {
+    let error = |c: usize, z: usize| {
+        let truth = tone.charge(z as f64, c) / tone.charge(REFERENCE_LEVEL as f64, c);
+        (response.log_exposure[c][z].exp() / truth - 1.0).abs()
+    };
+    (0..3).flat_map(|c| (lowest(c)..=highest).map(move |z| (c, z))).map(|(c, z)| error(c, z)).fold(0.0, f64::max)
+}
+
+fn with_times(bracket: &Bracket, measured: &MeasuredTimes) -> Bracket {
+    let mut exposures = bracket.exposures().to_vec();
+    exposures.iter_mut().zip(&measured.frames).for_each(|(frame, time)| frame.time_s = time.time_s);
+    Bracket::new(exposures, bracket.level_variance()).unwrap()
+}
+
+/// What one bracket gives.
+struct Trial {
+    linear: MeasuredTimes,
+    unknown: MeasuredTimes,
+    known: MeasuredTimes,
+    debevec: f64,
+    robertson: f64,
+    debevec_all: f64,
+    robertson_all: f64,
+    truth: Vec<f64>,
+}
+
+fn trial(shot: &Shot, tone: Tone) -> Trial {
+    let aimed: Vec<f64> = THIRDS.iter().map(|k| 2_f64.powf(f64::from(*k) / 3.0)).collect();
+    let linear = MeasuredTimes::linear(&LinearSamples { signals: shot.linear() }, &aimed, &NOISE, None).unwrap();
+    let bracket = shot.bracket(tone);
+    let unknown = MeasuredTimes::without_response(&bracket).unwrap();
+    let timed = with_times(&bracket, &unknown);
+    let debevec = recover(&timed).unwrap().response;
+    let robertson = robertson(&timed).unwrap().response;
+    let known = MeasuredTimes::with_response(&bracket, &debevec, None).unwrap();
+    let used = |response: &Response| curve_error(response, tone, |c| tone.lowest_used(c), 245);
+    let all = |response: &Response| curve_error(response, tone, |_| 10, 245);
+    Trial {
+        linear,
+        unknown,
+        known,
+        debevec: used(&debevec),
+        robertson: used(&robertson),
+        debevec_all: all(&debevec),
+        robertson_all: all(&robertson),
+        truth: shot.times_s.clone(),
+    }
+}
+
+fn table(seeds: u64, jitter: f64) {
+    println!("shutter scatter {} %, {seeds} seeds; greatest error over frames / levels and seeds, %", 100.0 * jitter);
+    println!(
+        "curve   | used from | ratios linear, 8 bit known, 8 bit unknown | pull linear, known, unknown | Debevec used, 10-245 | Robertson used, 10-245"
+    );
+    for tone in TONES {
+        let trials: Vec<Trial> =
+            (0..seeds).map(|seed| trial(&Shoot { jitter, ..Shoot::new(seed) }.shot(), tone)).collect();
+        let max = |f: &dyn Fn(&Trial) -> f64| 100.0 * trials.iter().map(f).fold(0.0, f64::max);
+        let rms = |f: &dyn Fn(&Trial) -> Vec<f64>| {
+            let all: Vec<f64> = trials.iter().flat_map(f).collect();
+            (all.iter().sum::<f64>() / all.len() as f64).sqrt()
+        };
+        println!(
+            "{tone:?} | {:?} | {:.3} {:.3} {:.3} | {:.2} {:.2} {:.2} | {:.2} {:.2} | {:.2} {:.2}",
+            [0, 1, 2].map(|c| tone.lowest_used(c)),
+            max(&|t| worst(&errors(&t.linear, &t.truth))),
+            max(&|t| worst(&errors(&t.known, &t.truth))),
+            max(&|t| worst(&errors(&t.unknown, &t.truth))),
+            rms(&|t| pulls(&t.linear, &t.truth)),
+            rms(&|t| pulls(&t.known, &t.truth)),
+            rms(&|t| pulls(&t.unknown, &t.truth)),
+            max(&|t| t.debevec),
+            max(&|t| t.debevec_all),
+            max(&|t| t.robertson),
+            max(&|t| t.robertson_all),
+        );
+    }
+}
+
+#[test]
+#[ignore = "minutes long: prints the table of docs/calibrate-response.md"]
+fn accuracy_over_seeds() {
+    for jitter in [0.0, 0.003, 0.01] {
+        table(20, jitter);
+    }
+}
