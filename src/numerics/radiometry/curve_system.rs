@@ -13,10 +13,11 @@ pub struct CurveSystem {
     times: DMatrix<f64>,
 }
 
-/// Second difference of a curve that costs as much as one standard error of one sample, in units of slope / level: that of a
-/// power law is 1. Enough to bridge levels without samples.
+/// Second difference of a curve that costs as much as one standard error of a log ratio, in units of slope / distance to the
+/// nearer end of the levels: that of a power law is 1 near black, that of a shoulder near white. Enough to bridge levels without
+/// samples.
 const ROUGHNESS: f64 = 0.3;
-/// Least level that scale is taken at: a power law bends without bound at 0.
+/// Least distance to an end: a power law bends without bound at 0.
 const TOE: f64 = 8.0;
 
 impl CurveSystem {
@@ -97,7 +98,7 @@ fn add_group(normal: &mut DMatrix<f64>, seen: &[Seen]) {
 fn add_smoothness(normal: &mut DMatrix<f64>, rough: &[f64]) {
     const STENCIL: [f64; 3] = [1.0, -2.0, 1.0];
     for middle in 1..LEVELS - 1 {
-        let bend = ROUGHNESS * slope(rough, middle as f64).max(1e-4) / (middle as f64).max(TOE);
+        let bend = ROUGHNESS * slope(rough, middle as f64).max(1e-4) / (middle.min(LEVELS - middle) as f64).max(TOE);
         for (i, a) in STENCIL.iter().enumerate() {
             for (j, b) in STENCIL.iter().enumerate() {
                 normal[(middle + i - 1, middle + j - 1)] += a * b / (bend * bend);

@@ -85,3 +85,48 @@ fn median(mut values: Vec<f64>) -> f64 {
     let n = values.len();
     if n == 0 { 0.0 } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    const EXPECTED: [f64; 8] = [-4.6, -3.2, -1.8, -0.9, 0.0, 0.7, 1.4, 2.8];
+
+    #[test]
+    fn exponent_and_shift_are_found_in_spite_of_wrong_frames() {
+        let mut times = EXPECTED.map(|e| (e - 0.3) / 1.02);
+        times[2] += 0.5;
+        times[6] -= 0.1;
+        let found = gauge(&times, &EXPECTED, true).unwrap();
+        assert!((found.exponent - 1.02).abs() < 1e-9 && (found.shift - 0.3).abs() < 1e-9);
+        assert!(found.scatter < 1e-9 && found.exponent_sigma < 1e-9);
+        let found = gauge(&EXPECTED.map(|e| e - 0.25), &EXPECTED, false).unwrap();
+        assert!((found.exponent, (found.shift - 0.25).abs() < 1e-12) == (1.0, true));
+    }
+
+    #[test]
+    fn the_exponents_standard_error_is_that_of_a_regression() {
+        // Residuals +-1e-3 orthogonal to level and slope: sigma^2 = sum r^2 / (n - 2), its slope's error sigma / sqrt(sum s^2).
+        let times = [-3.0, -1.0, 1.0, 3.0];
+        let found = gauge(&times, &[-3.001, -0.997, 0.997, 3.001], true).unwrap();
+        let rms = (found.scatter / (2.0e-6_f64 * 10.0 / 2.0).sqrt()).ln().abs();
+        assert!(rms < 0.7, "{}", found.scatter);
+        assert!((found.exponent_sigma / (found.scatter / 20.0_f64.sqrt()) - 1.0).abs() < 0.3);
+    }
+
+    #[test]
+    fn scatter_counts_every_frame() {
+        let mut times = EXPECTED;
+        times[3] += 0.1;
+        assert!(scatter(&times, &EXPECTED, true) > 0.03);
+        assert!(scatter(&EXPECTED.map(|e| 0.9 * e + 4.0), &EXPECTED, true) < 1e-12);
+        assert!(scatter(&EXPECTED.map(|e| 0.9 * e), &EXPECTED, false) > 0.1);
+    }
+
+    #[test]
+    fn too_few_frames_have_no_exponent() {
+        assert!(gauge(&[0.0, 1.0], &[0.0, 1.0], true).is_none());
+        assert!(gauge(&[1.0, 1.0, 1.0], &[0.0, 1.0, 2.0], true).is_none());
+    }
+}
