@@ -41,9 +41,7 @@ fn curve_error(response: &Response, tone: Tone, lowest: impl Fn(usize) -> usize,
 }
 
 fn with_times(bracket: &Bracket, measured: &MeasuredTimes) -> Bracket {
-    let mut exposures = bracket.exposures().to_vec();
-    exposures.iter_mut().zip(&measured.frames).for_each(|(frame, time)| frame.time_s = time.time_s);
-    Bracket::new(exposures, bracket.level_variance()).unwrap()
+    bracket.clone().with_times(&measured.seconds()).unwrap()
 }
 
 /// What one bracket gives.
@@ -62,11 +60,11 @@ fn trial(shot: &Shot, tone: Tone) -> Trial {
     let aimed: Vec<f64> = THIRDS.iter().map(|k| 2_f64.powf(f64::from(*k) / 3.0)).collect();
     let linear = MeasuredTimes::linear(&LinearSamples { signals: shot.linear() }, &aimed, &NOISE, None).unwrap();
     let bracket = shot.bracket(tone);
-    let unknown = MeasuredTimes::without_response(&bracket).unwrap();
+    let unknown = MeasuredTimes::without_response(&bracket, &aimed).unwrap();
     let timed = with_times(&bracket, &unknown);
     let debevec = recover(&timed).unwrap().response;
     let robertson = robertson(&timed).unwrap().response;
-    let known = MeasuredTimes::with_response(&bracket, &debevec, None).unwrap();
+    let known = MeasuredTimes::with_response(&bracket, &aimed, &debevec, None).unwrap();
     let used = |response: &Response| curve_error(response, tone, |c| tone.lowest_used(c), 245);
     let all = |response: &Response| curve_error(response, tone, |_| 10, 245);
     Trial {
@@ -139,7 +137,8 @@ fn ratios_are_right_to_two_parts_in_a_thousand_and_curves_to_one_percent() {
 fn an_unsteady_shutter_leaves_nothing_but_the_exponent_unknown() {
     for seed in 0..3 {
         let shot = Shoot { jitter: 0.01, ..Shoot::new(seed) }.shot();
-        let measured = MeasuredTimes::without_response(&shot.bracket(Tone::SCurve)).unwrap();
+        let bracket = shot.bracket(Tone::SCurve);
+        let measured = MeasuredTimes::without_response(&bracket, &bracket.times_s()).unwrap();
         let error = worst(&errors(&measured, &shot.times_s));
         let but_exponent = measured.scatter_about(&shot.times_s, true).unwrap();
         println!("seed {seed}: worst {error:.4}, rms but for one exponent {but_exponent:.5}");
@@ -147,8 +146,7 @@ fn an_unsteady_shutter_leaves_nothing_but_the_exponent_unknown() {
         assert!(error < 0.02 && measured.exponent_sigma > 5e-4, "seed {seed}: {error}, {}", measured.exponent_sigma);
         // Linear frames leave nothing open.
         let samples = LinearSamples { signals: shot.linear() };
-        let aimed = shot.bracket(Tone::SCurve).exposures().iter().map(|frame| frame.time_s).collect::<Vec<_>>();
-        let linear = MeasuredTimes::linear(&samples, &aimed, &NOISE, None).unwrap();
+        let linear = MeasuredTimes::linear(&samples, &bracket.times_s(), &NOISE, None).unwrap();
         let error = worst(&errors(&linear, &shot.times_s));
         assert!(error < 0.002, "seed {seed}: {error}");
     }

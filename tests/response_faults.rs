@@ -18,7 +18,7 @@ fn dial(seed: u64) -> Vec<Exposure> {
 }
 
 fn outcome(frames: Vec<Exposure>) -> Result<Calibrated, String> {
-    calibrate(&Bracket::new(frames, ROUNDING).map_err(|e| e.to_string())?, Method::Debevec).map_err(|e| e.to_string())
+    calibrate(Bracket::new(frames, ROUNDING).map_err(|e| e.to_string())?, Method::Debevec).map_err(|e| e.to_string())
 }
 
 fn refusal(frames: Vec<Exposure>) -> String {
@@ -181,4 +181,10 @@ fn a_black_frame_keeps_its_time_and_is_named() {
     assert_eq!(found.exposures[0].sigma_relative, None);
     assert!(found.warnings.iter().any(|w| w.contains("frame 0") && w.contains("not measured")), "{:?}", found.warnings);
     assert!((found.exposures[9].estimated_s / 16.0 - 1.0).abs() < 0.002);
+}
+
+#[test]
+fn light_in_the_enclosure_is_named() {
+    let found = warnings(Shoot { ambient: 0.004, ..Shoot::new(8) }.shot().exposures(Tone::Srgb));
+    assert!(found.iter().any(|w| w.contains("frame 9") && w.contains("ambient light")), "{found:?}");
 }

@@ -80,7 +80,7 @@ impl Merged {
 pub fn merge_folder(dir: &Path) -> Result<Merged, MergeInputError> {
     let bracket = bracket_of(dir)?;
     let Calibrated { calibration, bracket, pairs } =
-        calibrate(&bracket, Method::Debevec).map_err(|e| MergeInputError(format!("{}: {e}", dir.display())))?;
+        calibrate(bracket, Method::Debevec).map_err(|e| MergeInputError(format!("{}: {e}", dir.display())))?;
     let response = calibration.response().map_err(MergeInputError)?;
     let image = merge(&bracket, &response, &TYPICAL_SENSOR);
     Ok(Merged { image, calibration, pairs })

@@ -86,18 +86,21 @@ pub fn develop(
     noise: &SensorNoise,
 ) -> Result<Developed, DevelopError> {
     let bracket = read_bracket(frames, crop)?;
-    let (response, measured) = match known {
-        Some(known) => {
+    let (expected, measured) = match known {
+        Some(Known { response, times_s, reference }) => {
             bracket.check_times()?;
-            let expected = bracket.with_times(&known.times_s)?;
-            let measured = MeasuredTimes::with_response(&expected, &known.response, Some(known.reference));
-            (Some(known.response.clone()), or_as_expected(measured, &expected)?)
+            (times_s.clone(), MeasuredTimes::with_response(&bracket, times_s, response, Some(*reference)))
         }
-        None => (None, or_as_expected(MeasuredTimes::without_response(&bracket), &bracket)?),
+        None => (bracket.times_s(), MeasuredTimes::without_response(&bracket, &bracket.times_s())),
+    };
+    let measured = match measured {
+        // Frames that share too few pixels, as of a lamp behind the object, keep the times they were expected to have.
+        Err(BracketError::TooFewOverlap { .. }) => MeasuredTimes::as_expected(&expected),
+        other => other?,
     };
     let bracket = bracket.with_times(&measured.seconds())?;
-    let response = match response {
-        Some(response) => response,
+    let response = match known {
+        Some(known) => known.response.clone(),
         None => recover(&bracket)?.response,
     };
     let names = bracket.exposures().iter().map(|frame| frame.name.clone());
@@ -106,17 +109,6 @@ pub fn develop(
         times: names.zip(measured.frames.iter().copied()).collect(),
         known: Known { response, times_s: measured.seconds(), reference: measured.reference },
     })
-}
-
-/// Frames that share too few pixels, as of a lamp behind the object, keep the times they were expected to have.
-fn or_as_expected(
-    measured: Result<MeasuredTimes, BracketError>,
-    bracket: &Bracket,
-) -> Result<MeasuredTimes, BracketError> {
-    match measured {
-        Err(BracketError::TooFewOverlap { .. }) => Ok(MeasuredTimes::as_expected(bracket)),
-        other => other,
-    }
 }
 
 /// Decodes the frames, one full frame in memory at a time, and keeps the crop of each.

@@ -76,6 +76,8 @@ pub struct Shoot {
     /// True times instead of 2^(k/3), seconds.
     pub times_s: Option<Vec<f64>>,
     pub size: (usize, usize),
+    /// Light that is everywhere, in units of radiance.
+    pub ambient: f64,
 }
 
 /// Frames of one bracket: true times, and the charge of every pixel in 12-bit counts of full scale 1.
@@ -108,7 +110,7 @@ pub fn scene(size: (usize, usize), phase: f64) -> Image<[f64; 3]> {
 
 impl Shoot {
     pub fn new(seed: u64) -> Self {
-        Self { seed, jitter: 0.0, times_s: None, size: (240, 160) }
+        Self { seed, jitter: 0.0, times_s: None, size: (240, 160), ambient: 0.0 }
     }
 
     pub fn shot(&self) -> Shot {
@@ -124,7 +126,7 @@ impl Shoot {
             .map(|t| {
                 let expose = |pixel: &[f64; 3]| {
                     pixel.map(|radiance| {
-                        let mean = radiance * t * SPEED * FULL_WELL_E;
+                        let mean = (radiance + self.ambient) * t * SPEED * FULL_WELL_E;
                         let photons = (mean + mean.sqrt() * normal(&mut random)).clamp(0.0, FULL_WELL_E);
                         let electrons = photons + READ_NOISE_E * normal(&mut random);
                         (electrons / FULL_WELL_E * COUNTS).round() / COUNTS

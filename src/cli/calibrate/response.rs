@@ -38,7 +38,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         MethodName::Debevec => Method::Debevec,
         MethodName::Robertson => Method::Robertson,
     };
-    let found = calibrate(&bracket, method)
+    let found = calibrate(bracket, method)
         .map_err(|error| bad_input(format!("{}: {error}", args.folder.display())))?
         .calibration;
     let json = serde_json::to_string_pretty(&found)?;

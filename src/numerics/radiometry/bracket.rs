@@ -177,13 +177,22 @@ impl Bracket {
     }
 
     /// The same frames with other times (seconds, in the order of the frames, one each).
-    pub fn with_times(&self, times_s: &[f64]) -> Result<Self, BracketError> {
+    pub fn with_times(mut self, times_s: &[f64]) -> Result<Self, BracketError> {
         if times_s.len() != self.exposures.len() {
             return Err(BracketError::TooFewFrames { found: self.exposures.len(), needed: times_s.len() });
         }
-        let mut exposures = self.exposures.clone();
-        exposures.iter_mut().zip(times_s).for_each(|(frame, &time_s)| frame.time_s = time_s);
-        Self::new(exposures, self.level_variance)
+        self.exposures.iter_mut().zip(times_s).for_each(|(frame, &time_s)| frame.time_s = time_s);
+        Self::new(self.exposures, self.level_variance)
+    }
+
+    /// The times of the frames, seconds, shortest first.
+    pub fn times_s(&self) -> Vec<f64> {
+        self.exposures.iter().map(|frame| frame.time_s).collect()
+    }
+
+    /// Green level of the darkest thousandth of the longest exposure's pixels: in a dark enclosure it is black.
+    pub fn darkest_green(&self) -> u8 {
+        self.exposures.last().map_or(0, contradictions::darkest_green)
     }
 
     /// Refuses frames that are black or clipped all over, every one: nothing can be measured on them.

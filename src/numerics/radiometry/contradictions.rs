@@ -44,6 +44,11 @@ pub fn check_exposed(exposures: &[Exposure]) -> Result<(), BracketError> {
     Ok(())
 }
 
+/// The green level of the darkest thousandth of a frame's pixels.
+pub fn darkest_green(frame: &Exposure) -> u8 {
+    green_at(frame, EXPOSED)
+}
+
 /// The green level below which `share` of the pixels lies.
 fn green_at(frame: &Exposure, share: f64) -> u8 {
     let mut counts = [0_usize; 256];

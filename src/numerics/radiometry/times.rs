@@ -58,16 +58,17 @@ pub struct LinearSamples {
 }
 
 impl MeasuredTimes {
-    /// Times of 8-bit frames through a known response: nothing but the common factor is taken from the expected times, which
-    /// are `bracket`'s. With `repeated`, the reference frame of an earlier bracket whose measured times `bracket` carries, they
-    /// are expected to come again, and that frame keeps its own.
+    /// Times of 8-bit frames through a known response, next to the `expected_s` ones (seconds, in the order of the frames): nothing
+    /// but the common factor is taken from these. With `repeated`, the reference frame of an earlier bracket whose measured times
+    /// are expected to come again, that frame keeps its own.
     pub fn with_response(
         bracket: &Bracket,
+        expected_s: &[f64],
         response: &Response,
         repeated: Option<usize>,
     ) -> Result<Self, BracketError> {
         let samples = LevelSamples::new(bracket);
-        iterate(&expected(bracket), false, repeated, |information, log_times| {
+        iterate(&logarithms(bracket, expected_s)?, false, repeated, |information, log_times| {
             for channel in 0..3 {
                 let groups = samples.groups(channel, response, &seconds(log_times), RATIO_LEVELS);
                 let log_exposure = |level: f64| response.log_exposure_at(channel, level);
@@ -78,9 +79,9 @@ impl MeasuredTimes {
     }
 
     /// Times of 8-bit frames with the response unknown. The images then tell the times up to one exponent on all of them, which
-    /// is taken from the expected times, as is the common factor.
-    pub fn without_response(bracket: &Bracket) -> Result<Self, BracketError> {
-        let expected = expected(bracket);
+    /// is taken from the `expected_s` times (seconds, in the order of the frames), as is the common factor.
+    pub fn without_response(bracket: &Bracket, expected_s: &[f64]) -> Result<Self, BracketError> {
+        let expected = logarithms(bracket, expected_s)?;
         if expected.len() < MIN_FRAMES {
             return Err(BracketError::TooFewFrames { found: expected.len(), needed: MIN_FRAMES });
         }
@@ -127,11 +128,10 @@ impl MeasuredTimes {
 }
 
 impl MeasuredTimes {
-    /// The times of `bracket`, nothing measured.
-    pub fn as_expected(bracket: &Bracket) -> Self {
-        let log_times = expected(bracket);
-        let time = |s: &f64| MeasuredTime { time_s: s.exp(), sigma: None, overlap: 0 };
-        let frames: Vec<MeasuredTime> = log_times.iter().map(time).collect();
+    /// The `expected_s` times, nothing measured.
+    pub fn as_expected(expected_s: &[f64]) -> Self {
+        let log_times: Vec<f64> = expected_s.iter().map(|t| t.ln()).collect();
+        let frames = expected_s.iter().map(|&time_s| MeasuredTime { time_s, sigma: None, overlap: 0 }).collect();
         let reference = choose_reference(&log_times, &log_times, 0.0);
         Self { frames, reference, exponent_sigma: 0.0, scatter: 0.0, chi_squared: 0.0 }
     }
@@ -151,8 +151,18 @@ impl MeasuredTimes {
     }
 }
 
-fn expected(bracket: &Bracket) -> Vec<f64> {
-    bracket.exposures().iter().map(|frame| frame.time_s.ln()).collect()
+/// Logarithms of expected times, one for each frame of `bracket`.
+fn logarithms(bracket: &Bracket, expected_s: &[f64]) -> Result<Vec<f64>, BracketError> {
+    let (found, needed) = (bracket.exposures().len(), expected_s.len());
+    if found != needed {
+        return Err(BracketError::TooFewFrames { found, needed });
+    }
+    for (frame, &time_s) in bracket.exposures().iter().zip(expected_s) {
+        if !(time_s.is_finite() && time_s > 0.0) {
+            return Err(BracketError::BadTime { name: frame.name.clone(), time_s });
+        }
+    }
+    Ok(expected_s.iter().map(|t| t.ln()).collect())
 }
 
 fn seconds(log_times: &[f64]) -> Vec<f64> {

@@ -110,12 +110,13 @@ pub struct Calibrated {
 }
 
 /// Measures the times and the response of `bracket`, whose times are the nominal ones.
-pub fn calibrate(bracket: &Bracket, method: Method) -> Result<Calibrated, CalibrateError> {
+pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, CalibrateError> {
     bracket.check_exposed()?;
     let pairs = bracket.check_times()?;
-    let nominal: Vec<f64> = bracket.exposures().iter().map(|frame| frame.time_s).collect();
+    let nominal = bracket.times_s();
+    let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
     let thirds: Option<Vec<f64>> = nominal.iter().map(|&t| power_of_two_s(t)).collect();
-    let (expected, measured) = measure(bracket, &nominal, thirds.as_deref())?;
+    let (expected, measured) = measure(&bracket, &nominal, thirds.as_deref())?;
     let timed = bracket.with_times(&measured.seconds())?;
     let Recovered { response, active_constraints, pixels } = match method {
         Method::Debevec => recover(&timed)?,
@@ -127,21 +128,21 @@ pub fn calibrate(bracket: &Bracket, method: Method) -> Result<Calibrated, Calibr
         active_constraints,
         pixels,
         exposures: Vec::new(),
-        reference: bracket.exposures()[measured.reference].name.clone(),
+        reference: names[measured.reference].clone(),
         expected,
-        gauge: gauge_in_words(expected, &bracket.exposures()[measured.reference].name, &measured),
+        gauge: gauge_in_words(expected, &names[measured.reference], &measured),
         exponent_sigma: measured.exponent_sigma,
         scatter_nominal: measured.scatter_about(&nominal, true),
         scatter_power_of_two: thirds.as_ref().and_then(|thirds| measured.scatter_about(thirds, true)),
         warnings: Vec::new(),
     };
-    for (frame, time) in bracket.exposures().iter().zip(&measured.frames) {
-        let (nominal_s, power_of_two_s) = (frame.time_s, power_of_two_s(frame.time_s));
+    for ((name, &nominal_s), time) in names.into_iter().zip(&nominal).zip(&measured.frames) {
+        let power_of_two_s = power_of_two_s(nominal_s);
         let off = |listed: f64| (time.time_s / listed).ln().abs();
         let nearest = off(nominal_s).min(power_of_two_s.map_or(f64::INFINITY, off));
         let limit = time.sigma.map(|sigma| (DEPARTS_SIGMA * sigma).max(DEPARTS_LEAST));
         calibration.exposures.push(ExposureTime {
-            name: frame.name.clone(),
+            name,
             nominal_s,
             power_of_two_s,
             estimated_s: time.time_s,
@@ -152,6 +153,7 @@ pub fn calibrate(bracket: &Bracket, method: Method) -> Result<Calibrated, Calibr
     }
     calibration.refuse_contradictions()?;
     calibration.warn(&measured, &pairs);
+    calibration.warnings.extend(stray_light(&timed));
     calibration.warnings.extend(movements(&timed, &response));
     Ok(Calibrated { calibration, bracket: timed, pairs })
 }
@@ -163,16 +165,31 @@ fn measure(
     thirds: Option<&[f64]>,
 ) -> Result<(Expected, MeasuredTimes), BracketError> {
     let Some(thirds) = thirds else {
-        return Ok((Expected::Nominal, MeasuredTimes::without_response(bracket)?));
+        return Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?));
     };
-    let measured = MeasuredTimes::without_response(&bracket.with_times(thirds)?)?;
+    let measured = MeasuredTimes::without_response(bracket, thirds)?;
     let scatter = |times: &[f64]| measured.scatter_about(times, true).unwrap_or(f64::INFINITY);
     // Only a clear difference speaks against the times a shutter aims at.
     if 2.0 * scatter(nominal) < scatter(thirds) {
-        Ok((Expected::Nominal, MeasuredTimes::without_response(bracket)?))
+        Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?))
     } else {
         Ok((Expected::PowerOfTwo, measured))
     }
+}
+
+/// A level above read noise and rounding.
+const LIT_LEVEL: u8 = 16;
+
+/// Ambient light only adds to the radiance: ratios do not show it, a background that ought to be black does.
+fn stray_light(bracket: &Bracket) -> Option<String> {
+    let (level, longest) = (bracket.darkest_green(), bracket.exposures().last()?);
+    (level >= LIT_LEVEL).then(|| {
+        format!(
+            "{}: nothing in it is darker than green level {level}: in a black enclosure that is ambient light or flare; close the \
+             enclosure, switch the room light off, and compare a frame with the lamp off",
+            longest.name
+        )
+    })
 }
 
 /// Names the frames that moved or are blurred, with the remedy.
