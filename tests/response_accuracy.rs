@@ -4,7 +4,7 @@
 
 mod response_camera;
 
-use response_camera::{FULL_WELL_E, READ_NOISE_E, Shoot, Shot, THIRDS, TONES, Tone};
+use response_camera::{COUNTS, FULL_WELL_E, READ_NOISE_E, Shoot, Shot, THIRDS, TONES, Tone};
 use rigd::numerics::radiometry::bracket::Bracket;
 use rigd::numerics::radiometry::noise::SensorNoise;
 use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Response, recover};
@@ -79,29 +79,49 @@ fn trial(shot: &Shot, tone: Tone) -> Trial {
     }
 }
 
+/// Error of the curve over the used range if the camera counts sixteen times finer: then what a count spans of the dark levels does
+/// not bend the curve.
+fn fine_curve(shoot: &Shoot, tone: Tone) -> f64 {
+    let fine = Shoot { counts: 16.0 * COUNTS, times_s: shoot.times_s.clone(), ..*shoot };
+    let bracket = fine.shot().bracket(tone);
+    let measured = MeasuredTimes::without_response(&bracket, &bracket.times_s()).unwrap();
+    let found = recover(&bracket.with_times(&measured.seconds()).unwrap()).unwrap();
+    curve_error(&found.response, tone, |c| tone.lowest_used(c), 245)
+}
+
 fn table(seeds: u64, jitter: f64) {
-    println!("shutter scatter {} %, {seeds} seeds; greatest error over frames / levels and seeds, %", 100.0 * jitter);
     println!(
-        "curve   | used from | ratios linear, 8 bit known, 8 bit unknown | pull linear, known, unknown | Debevec used, 10-245 | Robertson used, 10-245"
+        "\nshutter scatter {} %, {seeds} seeds, % (ratios: rms / greatest over frames; curves: greatest over levels)\n",
+        100.0 * jitter
     );
+    println!(
+        "| curve | used from | linear | 8 bit, curve just measured | 8 bit, curve unknown | pulls | Debevec used, used with 16 bits, 10-245 | Robertson used, 10-245 |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
     for tone in TONES {
-        let trials: Vec<Trial> =
-            (0..seeds).map(|seed| trial(&Shoot { jitter, ..Shoot::new(seed) }.shot(), tone)).collect();
+        let shoot = |seed| Shoot { jitter, size: (480, 320), ..Shoot::new(seed) };
+        let trials: Vec<Trial> = (0..seeds).map(|seed| trial(&shoot(seed).shot(), tone)).collect();
+        let fine = (0..seeds).map(|seed| fine_curve(&shoot(seed), tone)).fold(0.0, f64::max);
         let max = |f: &dyn Fn(&Trial) -> f64| 100.0 * trials.iter().map(f).fold(0.0, f64::max);
         let rms = |f: &dyn Fn(&Trial) -> Vec<f64>| {
             let all: Vec<f64> = trials.iter().flat_map(f).collect();
             (all.iter().sum::<f64>() / all.len() as f64).sqrt()
         };
+        let ratios = |of: &dyn Fn(&Trial) -> &MeasuredTimes| {
+            let squares = |t: &Trial| errors(of(t), &t.truth).iter().map(|e| e * e).collect();
+            format!("{:.3} / {:.3}", 100.0 * rms(&squares), max(&|t| worst(&errors(of(t), &t.truth))))
+        };
         println!(
-            "{tone:?} | {:?} | {:.3} {:.3} {:.3} | {:.2} {:.2} {:.2} | {:.2} {:.2} | {:.2} {:.2}",
+            "| {tone:?} | {:?} | {} | {} | {} | {:.2} {:.2} {:.2} | {:.2}, {:.2}, {:.1} | {:.2}, {:.1} |",
             [0, 1, 2].map(|c| tone.lowest_used(c)),
-            max(&|t| worst(&errors(&t.linear, &t.truth))),
-            max(&|t| worst(&errors(&t.known, &t.truth))),
-            max(&|t| worst(&errors(&t.unknown, &t.truth))),
+            ratios(&|t| &t.linear),
+            ratios(&|t| &t.known),
+            ratios(&|t| &t.unknown),
             rms(&|t| pulls(&t.linear, &t.truth)),
             rms(&|t| pulls(&t.known, &t.truth)),
             rms(&|t| pulls(&t.unknown, &t.truth)),
             max(&|t| t.debevec),
+            100.0 * fine,
             max(&|t| t.debevec_all),
             max(&|t| t.robertson),
             max(&|t| t.robertson_all),

@@ -98,15 +98,15 @@ pub fn develop(
         Err(BracketError::TooFewOverlap { .. }) => MeasuredTimes::as_expected(&expected),
         other => other?,
     };
+    let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
     let bracket = bracket.with_times(&measured.seconds())?;
     let response = match known {
         Some(known) => known.response.clone(),
         None => recover(&bracket)?.response,
     };
-    let names = bracket.exposures().iter().map(|frame| frame.name.clone());
     Ok(Developed {
         image: merge(&bracket, &response, noise),
-        times: names.zip(measured.frames.iter().copied()).collect(),
+        times: names.into_iter().zip(measured.frames.iter().copied()).collect(),
         known: Known { response, times_s: measured.seconds(), reference: measured.reference },
     })
 }

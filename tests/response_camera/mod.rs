@@ -14,7 +14,7 @@ pub const DIAL_S: [f64; 10] = [0.01, 0.025, 1.0 / 15.0, 1.0 / 6.0, 0.4, 1.0, 2.0
 pub const FULL_WELL_E: f64 = 80_000.0;
 pub const READ_NOISE_E: f64 = 30.0;
 /// Saturation above black, 12-bit counts: 3692 - 128.
-const COUNTS: f64 = 3564.0;
+pub const COUNTS: f64 = 3564.0;
 /// Share of the well that radiance 1 fills in a second.
 const SPEED: f64 = 0.35;
 
@@ -78,6 +78,8 @@ pub struct Shoot {
     pub size: (usize, usize),
     /// Light that is everywhere, in units of radiance.
     pub ambient: f64,
+    /// Counts at saturation.
+    pub counts: f64,
 }
 
 /// Frames of one bracket: true times, and the charge of every pixel in 12-bit counts of full scale 1.
@@ -110,7 +112,7 @@ pub fn scene(size: (usize, usize), phase: f64) -> Image<[f64; 3]> {
 
 impl Shoot {
     pub fn new(seed: u64) -> Self {
-        Self { seed, jitter: 0.0, times_s: None, size: (240, 160), ambient: 0.0 }
+        Self { seed, jitter: 0.0, times_s: None, size: (240, 160), ambient: 0.0, counts: COUNTS }
     }
 
     pub fn shot(&self) -> Shot {
@@ -129,7 +131,7 @@ impl Shoot {
                         let mean = (radiance + self.ambient) * t * SPEED * FULL_WELL_E;
                         let photons = (mean + mean.sqrt() * normal(&mut random)).clamp(0.0, FULL_WELL_E);
                         let electrons = photons + READ_NOISE_E * normal(&mut random);
-                        (electrons / FULL_WELL_E * COUNTS).round() / COUNTS
+                        (electrons / FULL_WELL_E * self.counts).round() / self.counts
                     })
                 };
                 Image { width: scene.width, height: scene.height, pixels: scene.pixels.iter().map(expose).collect() }

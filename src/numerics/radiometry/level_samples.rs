@@ -4,8 +4,8 @@ use super::bracket::Bracket;
 use super::groups::{Channel, Group};
 use super::response::Response;
 
-/// Pixels looked at, at most: on a regular grid, from any frame size.
-const MAX_PIXELS: usize = 60_000;
+/// Pixels looked at, at most: on a regular grid, from any frame size. Enough for 0.1 % on a frame that shows only a highlight.
+pub const MANY: usize = 160_000;
 /// From this level on a pixel counts as clipped.
 const CLIPPED_LEVEL: f64 = 252.0;
 /// Trust in a sample of which another channel is clipped: a camera's colour matrix may have spoilt it too, but the upper
@@ -19,10 +19,10 @@ pub struct LevelSamples {
 }
 
 impl LevelSamples {
-    /// A regular grid over the frames of `bracket`.
-    pub fn new(bracket: &Bracket) -> Self {
+    /// A regular grid of at most `most` pixels over the frames of `bracket`.
+    pub fn new(bracket: &Bracket, most: usize) -> Self {
         let (width, height) = (bracket.width(), bracket.height());
-        let step = ((width * height) as f64 / MAX_PIXELS as f64).sqrt().ceil().max(1.0) as usize;
+        let step = ((width * height) as f64 / most as f64).sqrt().ceil().max(1.0) as usize;
         let grid = || (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x));
         let levels = std::array::from_fn(|channel| {
             let of = |frame: &super::bracket::Exposure| {

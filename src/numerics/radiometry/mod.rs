@@ -4,6 +4,7 @@ pub mod alignment;
 pub mod bracket;
 mod contradictions;
 mod curve_system;
+mod error;
 mod exposure_ratios;
 mod gauge;
 mod groups;

@@ -4,7 +4,7 @@ use super::bracket::{Bracket, BracketError};
 use super::curve_system::CurveSystem;
 use super::exposure_ratios::Information;
 use super::groups::Group;
-use super::level_samples::LevelSamples;
+use super::level_samples::{LevelSamples, MANY};
 
 /// Level whose exposure is the unit: g(REFERENCE_LEVEL) = 0 in every channel, as Debevec & Malik fix the scale.
 /// A pixel of radiance 1 reaches this level after 1 s.
@@ -49,7 +49,7 @@ pub(super) const CHANNEL_NAMES: [&str; 3] = ["red", "green", "blue"];
 /// seen comes more often from the commoner exposure beside it. So groups of pixels of one radiance take the place of pixels.
 pub fn recover(bracket: &Bracket) -> Result<Recovered, BracketError> {
     check(bracket)?;
-    let samples = LevelSamples::new(bracket);
+    let samples = LevelSamples::new(bracket, MANY);
     let times: Vec<f64> = bracket.exposures().iter().map(|frame| frame.time_s).collect();
     let log_times: Vec<f64> = times.iter().map(|t| t.ln()).collect();
     let mut response = Response::typical();

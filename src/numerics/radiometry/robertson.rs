@@ -5,6 +5,8 @@ use super::bracket::{Bracket, BracketError};
 use super::level_samples::LevelSamples;
 use super::response::{LEVELS, REFERENCE_LEVEL, Recovered, Response, check};
 
+/// Pixels looked at, at most: every round passes over all of them.
+const MAX_PIXELS: usize = 40_000;
 /// Rounds at most, and the greatest relative change of the curve that ends them.
 const MAX_ROUNDS: usize = 500;
 const SETTLED: f64 = 1e-5;
@@ -15,7 +17,7 @@ const ENDS: (usize, usize) = (1, LEVELS - 2);
 /// [`recover`](super::response::recover) refuses.
 pub fn robertson(bracket: &Bracket) -> Result<Recovered, BracketError> {
     check(bracket)?;
-    let samples = LevelSamples::new(bracket);
+    let samples = LevelSamples::new(bracket, MAX_PIXELS);
     let times: Vec<f64> = bracket.exposures().iter().map(|frame| frame.time_s).collect();
     let solved = [0, 1, 2].map(|channel| solve(&samples.points_of(channel), &times));
     let response = Response { log_exposure: solved.each_ref().map(|(curve, _)| curve.clone()) };

@@ -5,7 +5,7 @@ use super::curve_system::CurveSystem;
 use super::exposure_ratios::Information;
 use super::gauge::{gauge, scatter};
 use super::groups::Channel;
-use super::level_samples::LevelSamples;
+use super::level_samples::{LevelSamples, MANY};
 use super::noise::SensorNoise;
 use super::response::{MIN_FRAMES, Response, coverage, level_sigma};
 use nalgebra::{DMatrix, DVector};
@@ -67,7 +67,7 @@ impl MeasuredTimes {
         response: &Response,
         repeated: Option<usize>,
     ) -> Result<Self, BracketError> {
-        let samples = LevelSamples::new(bracket);
+        let samples = LevelSamples::new(bracket, MANY);
         iterate(&logarithms(bracket, expected_s)?, false, repeated, |information, log_times| {
             for channel in 0..3 {
                 let groups = samples.groups(channel, response, &seconds(log_times), RATIO_LEVELS);
@@ -86,7 +86,7 @@ impl MeasuredTimes {
             return Err(BracketError::TooFewFrames { found: expected.len(), needed: MIN_FRAMES });
         }
         bracket.check_exposed()?;
-        let samples = LevelSamples::new(bracket);
+        let samples = LevelSamples::new(bracket, MANY);
         let mut response = Response::typical();
         let mut systems: Vec<CurveSystem> = Vec::new();
         iterate(&expected, true, None, |information, log_times| {
