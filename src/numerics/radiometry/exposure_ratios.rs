@@ -85,31 +85,34 @@ impl Information {
         all
     }
 
-    /// The most likely log times of the frames `told`, which differ from `expected` by nothing along the directions `fixed` (columns)
-    /// and by at most about `wide` along the others, with their covariance and the sum of squares a degree of freedom.
+    /// The most likely log times of the frames `told`, which differ from `expected` by nothing along the directions `fixed`
+    /// (columns) and are known to be within the relative `spread` of them along the others, with their covariance and the sum of
+    /// squares a degree of freedom. Where that is above 1 the images are trusted less in proportion.
     pub(super) fn constrained(
         &self,
         told: &[usize],
         expected: &[f64],
         fixed: &DMatrix<f64>,
-        wide: f64,
+        spread: f64,
     ) -> Option<(Vec<f64>, DMatrix<f64>, f64)> {
         let n = told.len();
         let matrix = DMatrix::from_fn(n, n, |i, j| self.matrix[(told[i], told[j])]);
         let rhs = DVector::from_fn(n, |i, _| self.rhs[told[i]]);
         let expected = DVector::from_column_slice(expected);
-        // A large weight on the fixed directions takes them out without a change of basis.
         let basis = fixed.clone().qr().q();
-        let scale = 1e6 * matrix.trace().max(1.0);
-        let held = &matrix + DMatrix::identity(n, n) * wide.powi(-2) + &basis * basis.transpose() * scale;
-        let factor = held.cholesky()?;
-        let free = |v: DVector<f64>| &v - &basis * (basis.transpose() * &v);
-        let departure = free(factor.solve(&free(&rhs - &matrix * &expected)));
-        let log_times = &expected + departure;
-        let squares = log_times.dot(&(&matrix * &log_times)) - 2.0 * rhs.dot(&log_times) + self.constant;
-        let chi_squared = squares.max(0.0) / (self.freedom - n as f64).max(1.0);
         let projection = DMatrix::identity(n, n) - &basis * basis.transpose();
-        let covariance = &projection * factor.inverse() * &projection * chi_squared.max(1.0);
+        let solve = |trust: f64| {
+            // A large weight on the fixed directions takes them out without a change of basis.
+            let held = &basis * basis.transpose() * (1e6 * matrix.trace().max(1.0));
+            let factor = (&matrix * trust + DMatrix::identity(n, n) * spread.powi(-2) + held).cholesky()?;
+            let pull = &projection * (&rhs - &matrix * &expected) * trust;
+            let log_times = &expected + &projection * factor.solve(&pull);
+            Some((log_times, &projection * factor.inverse() * &projection))
+        };
+        let (first, _) = solve(1.0)?;
+        let squares = first.dot(&(&matrix * &first)) - 2.0 * rhs.dot(&first) + self.constant;
+        let chi_squared = squares.max(0.0) / (self.freedom - n as f64).max(1.0);
+        let (log_times, covariance) = solve(1.0 / chi_squared.max(1.0))?;
         Some((log_times.as_slice().to_vec(), covariance, chi_squared))
     }
 }

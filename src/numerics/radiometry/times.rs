@@ -40,8 +40,9 @@ pub struct MeasuredTime {
 const RATIO_LEVELS: (f64, f64) = (20.0, 240.0);
 /// Pixels a frame must share with others for its time to be measured.
 const MIN_OVERLAP: usize = 150;
-/// How far a time may be from the expected one, relative: it only keeps the equations solvable.
-const WIDE: f64 = 1.0;
+/// How far a shutter is from what it aims at or its dial says, relative: dials are up to 7 % off. Good images outweigh it by far;
+/// images that contradict one another do not.
+const SHUTTER: f64 = 0.03;
 /// How well a shutter and a lamp repeat a bracket, relative: frames that overlap little are held to the earlier measurement.
 const REPEATED: f64 = 0.005;
 /// Rounds of grouping, solving for the curve, solving for the times.
@@ -214,7 +215,7 @@ impl Solved {
         }
         let own: Vec<f64> = told.iter().map(|&i| expected[i]).collect();
         let fixed = fixed_directions(&own, free_exponent);
-        let spread = if reference.is_some() { REPEATED } else { WIDE };
+        let spread = if reference.is_some() { REPEATED } else { SHUTTER };
         let (raw, mut covariance, chi_squared) =
             information.constrained(&told, &own, &fixed, spread).ok_or(too_few.clone())?;
         let gauge = gauge(&raw, &own, free_exponent).ok_or(too_few)?;
