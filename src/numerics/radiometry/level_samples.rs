@@ -3,6 +3,7 @@
 use super::bracket::Bracket;
 use super::groups::{Channel, Group};
 use super::response::Response;
+use rayon::prelude::*;
 
 /// Pixels looked at, at most: on a regular grid, from any frame size. Enough for 0.1 % on a frame that shows only a highlight.
 pub const MANY: usize = 160_000;
@@ -44,8 +45,12 @@ impl LevelSamples {
         (0..self.points()).map(|point| frames.iter().map(|frame| frame[point] as u8).collect()).collect()
     }
 
-    /// Groups of about one radiance, seen through `response`; `trusted` levels bound the mean of a group.
-    pub fn groups(&self, channel: usize, response: &Response, times: &[f64], trusted: (f64, f64)) -> Vec<Group> {
+    /// Groups of about one radiance of every channel, seen through `response`; `trusted` levels bound the mean of a group.
+    pub fn groups(&self, response: &Response, times: &[f64], trusted: (f64, f64)) -> Vec<Vec<Group>> {
+        (0..3).into_par_iter().map(|channel| self.channel_groups(channel, response, times, trusted)).collect()
+    }
+
+    fn channel_groups(&self, channel: usize, response: &Response, times: &[f64], trusted: (f64, f64)) -> Vec<Group> {
         let others = [(channel + 1) % 3, (channel + 2) % 3];
         let trust = |frame: usize, point: usize| {
             let clipped = others.iter().any(|&other| self.levels[other][frame][point] == 255.0);

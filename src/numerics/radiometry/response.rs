@@ -55,15 +55,12 @@ pub fn recover(bracket: &Bracket) -> Result<Recovered, BracketError> {
     let mut response = Response::typical();
     for _ in 0..ROUNDS {
         let mut next = Vec::with_capacity(3);
-        for channel in 0..3 {
-            let groups = samples.groups(channel, &response, &times, SOLVED_LEVELS);
-            let no_coverage = coverage(&groups, channel)?;
+        let groups = samples.groups(&response, &times, SOLVED_LEVELS);
+        for (channel, groups) in groups.iter().enumerate() {
+            let no_coverage = coverage(groups, channel)?;
             let rough = &response.log_exposure[channel];
-            let system = CurveSystem::new(
-                &Information::none(times.len()).seen(&groups, &level_sigma(rough)),
-                times.len(),
-                rough,
-            );
+            let system =
+                CurveSystem::new(&Information::none(times.len()).seen(groups, &level_sigma(rough)), times.len(), rough);
             next.push(system.curve(&log_times).ok_or(no_coverage)?);
         }
         response = Response { log_exposure: std::array::from_fn(|c| std::mem::take(&mut next[c])) };

@@ -45,8 +45,9 @@ const MIN_OVERLAP: usize = 150;
 const SHUTTER: f64 = 0.03;
 /// How well a shutter and a lamp repeat a bracket, relative: frames that overlap little are held to the earlier measurement.
 const REPEATED: f64 = 0.005;
-/// Rounds of grouping, solving for the curve, solving for the times.
+/// Rounds of grouping, solving for the curve, solving for the times; a known curve leaves little to repeat.
 const ROUNDS: usize = 3;
+const ROUNDS_WITH_RESPONSE: usize = 2;
 
 /// The fraction of full scale that ratios are read from: below, an error of the black level counts; above, the sensor bends.
 const RATIO_SIGNALS: (f64, f64) = (0.01, 0.95);
@@ -70,10 +71,10 @@ impl MeasuredTimes {
     ) -> Result<Self, BracketError> {
         let samples = LevelSamples::new(bracket, MANY);
         iterate(&logarithms(bracket, expected_s)?, false, repeated, |information, log_times| {
-            for channel in 0..3 {
-                let groups = samples.groups(channel, response, &seconds(log_times), RATIO_LEVELS);
+            let groups = samples.groups(response, &seconds(log_times), RATIO_LEVELS);
+            for (channel, groups) in groups.iter().enumerate() {
                 let log_exposure = |level: f64| response.log_exposure_at(channel, level);
-                information.add_known(&groups, &log_exposure, &level_sigma(&response.log_exposure[channel]));
+                information.add_known(groups, &log_exposure, &level_sigma(&response.log_exposure[channel]));
             }
             Ok(())
         })
@@ -96,11 +97,11 @@ impl MeasuredTimes {
                 response = Response { log_exposure: curves };
             }
             systems.clear();
-            for channel in 0..3 {
-                let groups = samples.groups(channel, &response, &seconds(log_times), RATIO_LEVELS);
-                let no_coverage = coverage(&groups, channel)?;
+            let groups = samples.groups(&response, &seconds(log_times), RATIO_LEVELS);
+            for (channel, groups) in groups.iter().enumerate() {
+                let no_coverage = coverage(groups, channel)?;
                 let curve = &response.log_exposure[channel];
-                systems.push(information.add_unknown(&groups, curve, &level_sigma(curve)).ok_or(no_coverage)?);
+                systems.push(information.add_unknown(groups, curve, &level_sigma(curve)).ok_or(no_coverage)?);
             }
             Ok(())
         })
@@ -185,7 +186,7 @@ fn iterate(
         log_times.clone_from(&solved.log_times);
         Ok(solved.into_times(&information.overlap))
     };
-    for _ in 1..ROUNDS {
+    for _ in 1..if free_exponent { ROUNDS } else { ROUNDS_WITH_RESPONSE } {
         round()?;
     }
     round()
