@@ -48,6 +48,8 @@ pub struct Developed {
 pub struct Known {
     /// The response.
     pub response: Response,
+    /// Relative standard error of the exponent that it and the times have in common.
+    pub exponent_sigma: f64,
     /// Measured times, seconds, shortest first.
     pub times_s: Vec<f64>,
     /// The exposure that keeps its time: one reference for all lights.
@@ -87,9 +89,10 @@ pub fn develop(
 ) -> Result<Developed, DevelopError> {
     let bracket = read_bracket(frames, crop)?;
     let (expected, measured) = match known {
-        Some(Known { response, times_s, reference }) => {
+        Some(Known { response, exponent_sigma, times_s, reference }) => {
             bracket.check_times()?;
-            (times_s.clone(), MeasuredTimes::with_response(&bracket, times_s, response, Some(*reference)))
+            let curve = (response, *exponent_sigma);
+            (times_s.clone(), MeasuredTimes::with_response(&bracket, times_s, curve, Some(*reference)))
         }
         None => (bracket.times_s(), MeasuredTimes::without_response(&bracket, &bracket.times_s())),
     };
@@ -107,7 +110,12 @@ pub fn develop(
     Ok(Developed {
         image: merge(&bracket, &response, noise),
         times: names.into_iter().zip(measured.frames.iter().copied()).collect(),
-        known: Known { response, times_s: measured.seconds(), reference: measured.reference },
+        known: Known {
+            response,
+            exponent_sigma: measured.exponent_sigma,
+            times_s: measured.seconds(),
+            reference: measured.reference,
+        },
     })
 }
 

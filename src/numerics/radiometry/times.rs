@@ -17,7 +17,7 @@ pub struct MeasuredTimes {
     pub frames: Vec<MeasuredTime>,
     /// The frame whose time is taken as expected: images give ratios only.
     pub reference: usize,
-    /// Relative standard error of the exponent that the images leave open; 0 with a known response.
+    /// Relative standard error of the exponent that the images leave open, or that the known response has; 0 of linear samples.
     pub exponent_sigma: f64,
     /// Relative scatter of the measured about the expected times, frames that stand apart not counted.
     pub scatter: f64,
@@ -61,23 +61,36 @@ pub struct LinearSamples {
 
 impl MeasuredTimes {
     /// Times of 8-bit frames through a known response, next to the `expected_s` ones (seconds, in the order of the frames): nothing
-    /// but the common factor is taken from these. With `repeated`, the reference frame of an earlier bracket whose measured times
-    /// are expected to come again, that frame keeps its own.
+    /// but the common factor is taken from these. `exponent_sigma` is the relative standard error of the response's exponent. With
+    /// `repeated`, the reference frame of an earlier bracket whose measured times are expected to come again, that frame keeps its
+    /// own.
     pub fn with_response(
         bracket: &Bracket,
         expected_s: &[f64],
-        response: &Response,
+        (response, exponent_sigma): (&Response, f64),
         repeated: Option<usize>,
     ) -> Result<Self, BracketError> {
         let samples = LevelSamples::new(bracket, MANY);
-        iterate(&logarithms(bracket, expected_s)?, false, repeated, |information, log_times| {
+        let measured = iterate(&logarithms(bracket, expected_s)?, false, repeated, |information, log_times| {
             let groups = samples.groups(response, &seconds(log_times), RATIO_LEVELS);
             for (channel, groups) in groups.iter().enumerate() {
                 let log_exposure = |level: f64| response.log_exposure_at(channel, level);
                 information.add_known(groups, &log_exposure, &level_sigma(&response.log_exposure[channel]));
             }
             Ok(())
-        })
+        });
+        measured.map(|measured| measured.with_exponent(exponent_sigma))
+    }
+
+    /// Adds to the standard errors what an exponent known to `sigma` leaves open.
+    fn with_exponent(mut self, sigma: f64) -> Self {
+        let reference = self.frames[self.reference].time_s;
+        for frame in &mut self.frames {
+            let open = sigma * (frame.time_s / reference).ln();
+            frame.sigma = frame.sigma.map(|own| own.hypot(open));
+        }
+        self.exponent_sigma = sigma;
+        self
     }
 
     /// Times of 8-bit frames with the response unknown. The images then tell the times up to one exponent on all of them, which
