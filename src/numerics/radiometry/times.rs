@@ -38,8 +38,9 @@ pub struct MeasuredTime {
 
 /// Levels that ratios are read from, mean of a group: below, read noise bends the mean; above, clipping.
 const RATIO_LEVELS: (f64, f64) = (20.0, 240.0);
-/// Pixels a frame must share with others for its time to be measured.
-const MIN_OVERLAP: usize = 150;
+/// Pixels, counted once a channel, a frame must share with others for its time to be measured: from fewer, ratios
+/// came out half a percent off.
+const MIN_OVERLAP: usize = 1000;
 /// How far a shutter is from what it aims at or its dial says, relative: dials are up to 7 % off. Good images outweigh it by far;
 /// images that contradict one another do not.
 const SHUTTER: f64 = 0.03;
