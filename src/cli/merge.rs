@@ -1,11 +1,12 @@
 //! `rigd merge`: response and HDR merge of a folder of frames.
 
+use super::calibrate::response::{summary, times_table};
 use super::error::print_line;
 use crate::numerics::image::RadianceImage;
-use crate::numerics::radiometry::bracket::{PairTest, Verdict};
+use crate::numerics::radiometry::bracket::{Bracket, PairTest};
 use crate::numerics::radiometry::merge::merge;
 use crate::numerics::radiometry::noise::SensorNoise;
-use crate::numerics::radiometry::response::{Recovered, recover};
+use crate::pipeline::calibration::response::{Calibrated, Method, ResponseCalibration, calibrate};
 use crate::pipeline::decode::FrameInfo;
 use crate::pipeline::develop::{BracketFrame, read_bracket};
 use crate::store::exr::write_radiance;
@@ -41,10 +42,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let merged = merge_folder(&args.dir)?;
     let out = args.out.unwrap_or_else(|| args.dir.join("radiance.exr"));
     let (width, height) = (merged.image.radiance.width, merged.image.radiance.height);
-    let times: Vec<String> = merged.frames.iter().map(|(name, time_s)| format!("{name} {time_s} s")).collect();
     let attributes = [
         ("software", format!("rigd {}", env!("CARGO_PKG_VERSION"))),
-        ("exposures", times.join(", ")),
+        ("exposures", times_table(&merged.calibration)),
         ("radianceUnit", "level 128 is reached after 1 / radiance seconds".to_owned()),
     ];
     write_radiance(&out, &merged.image, (0, 0), (width, height), &attributes)?;
@@ -55,53 +55,51 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 pub struct Merged {
     /// The radiance.
     pub image: RadianceImage,
-    /// The response and how it was found.
-    pub recovered: Recovered,
+    /// The response, the times, and how they were found.
+    pub calibration: ResponseCalibration,
     /// What exposures compared with longer ones say of their times.
     pub pairs: Vec<PairTest>,
-    /// Name and time (s) of every frame.
-    pub frames: Vec<(String, f64)>,
 }
 
 impl Merged {
     /// What a person wants to know of the merge, a line each.
     fn summary(&self) -> String {
         let valid = self.image.valid.pixels.iter().filter(|v| **v).count() as f64;
-        let [red, green, blue] = self.recovered.active_constraints;
-        let mut text = format!(
-            "{} frames, {}x{} pixels, {:.1} % valid\nresponse from {} pixels; held up by monotony at {red} red, {green} green, \
-             {blue} blue levels of 255\n",
-            self.frames.len(),
+        format!(
+            "{} frames, {}x{} pixels, {:.1} % valid\n{}",
+            self.calibration.exposures.len(),
             self.image.radiance.width,
             self.image.radiance.height,
             100.0 * valid / self.image.valid.pixels.len() as f64,
-            self.recovered.pixels,
-        );
-        for pair in self.pairs.iter().filter(|pair| pair.verdict == Verdict::NotTestable) {
-            text += &format!("times not testable {pair}\n");
-        }
-        text
+            summary(&self.calibration),
+        )
     }
 }
 
-/// Reads a folder of frames, recovers the response and merges.
+/// Reads a folder of frames, measures their times, recovers the response and merges.
 pub fn merge_folder(dir: &Path) -> Result<Merged, MergeInputError> {
-    let refuse = |reason: String| MergeInputError(format!("{}: {reason}", dir.display()));
+    let bracket = bracket_of(dir)?;
+    let Calibrated { calibration, bracket, pairs } =
+        calibrate(bracket, Method::Debevec).map_err(|e| MergeInputError(format!("{}: {e}", dir.display())))?;
+    let response = calibration.response().map_err(MergeInputError)?;
+    let image = merge(&bracket, &response, &TYPICAL_SENSOR);
+    Ok(Merged { image, calibration, pairs })
+}
+
+/// The bracket in a folder, with its nominal times: those listed, or those of the EXIF.
+pub(super) fn bracket_of(dir: &Path) -> Result<Bracket, MergeInputError> {
     let list = frames_of(dir)?;
     let frames: Vec<BracketFrame<'_>> = list
         .iter()
         .map(|frame| BracketFrame { name: &frame.name, bytes: &frame.bytes, time_s: frame.time_s })
         .collect();
-    let bracket = read_bracket(&frames, None).map_err(|e| refuse(e.to_string()))?;
-    let recovered = recover(&bracket).map_err(|e| refuse(e.to_string()))?;
-    let pairs = bracket.check_times().map_err(|e| refuse(e.to_string()))?;
-    let image = merge(&bracket, &recovered.response, &TYPICAL_SENSOR);
-    Ok(Merged { image, recovered, pairs, frames: list.into_iter().map(|f| (f.name, f.time_s)).collect() })
+    read_bracket(&frames, None).map_err(|e| MergeInputError(format!("{}: {e}", dir.display())))
 }
 
 struct Frame {
     name: String,
     bytes: Vec<u8>,
+    /// Nominal, seconds.
     time_s: f64,
 }
 
@@ -139,7 +137,7 @@ fn listed_frames(dir: &Path, list: &Path) -> Result<Vec<Frame>, MergeInputError>
         .collect()
 }
 
-/// Every picture of the folder, with the time its EXIF means.
+/// Every picture of the folder, with the time of its EXIF.
 fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
     let refuse = |reason: String| MergeInputError(format!("{}: {reason}", dir.display()));
     let unreadable = |e: std::io::Error| refuse(format!("{e}: give a folder of frames"));
@@ -160,7 +158,7 @@ fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
     for path in paths {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let bytes = read_file(&path)?;
-        match FrameInfo::read(&bytes).true_time_s() {
+        match FrameInfo::read(&bytes).exposure_time_s {
             Some(time_s) => frames.push(Frame { name, bytes, time_s }),
             None => timeless.push(name),
         }
@@ -169,7 +167,7 @@ fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
         return Ok(frames);
     }
     Err(refuse(format!(
-        "no third-stop exposure time in the EXIF of {}: write {LIST} with file and time_s of every [[frame]]",
+        "no exposure time in the EXIF of {}: write {LIST} with file and time_s of every [[frame]]",
         timeless.join(", ")
     )))
 }

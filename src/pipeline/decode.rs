@@ -155,13 +155,18 @@ impl FrameInfo {
         contained(|| read_exif(bytes)).flatten().unwrap_or_default()
     }
 
-    /// The time the shutter of a third-stop body really opens, 2^(k/3) s: a label of 15 opens for 16 s. None without a time
-    /// or for a label that is no third of a stop.
+    /// The time the shutter of a third-stop body aims at ([`power_of_two_s`]); none without a time.
     pub fn true_time_s(&self) -> Option<f64> {
-        let thirds = 3.0 * self.exposure_time_s?.log2();
-        // Labels are up to 0.28 thirds off (15, 1/60); half-stop labels are 0.5 off.
-        ((thirds - thirds.round()).abs() < 0.35).then(|| (thirds.round() / 3.0).exp2())
+        self.exposure_time_s.and_then(power_of_two_s)
     }
+}
+
+/// The time that the shutter of a third-stop body aims at, 2^(k/3) s, for the `label` on its dial, seconds: a label of 15 opens
+/// for 16 s. None for a label that is no third of a stop.
+pub fn power_of_two_s(label: f64) -> Option<f64> {
+    let thirds = 3.0 * label.log2();
+    // Labels are up to 0.28 thirds off (15, 1/60); half-stop labels are 0.5 off.
+    ((thirds - thirds.round()).abs() < 0.35).then(|| (thirds.round() / 3.0).exp2())
 }
 
 fn read_exif(bytes: &[u8]) -> Option<FrameInfo> {
