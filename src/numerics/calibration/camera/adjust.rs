@@ -8,7 +8,7 @@ use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
 
 /// Most steps; a sound set of views takes about ten.
 const ITERATIONS: usize = 100;
-/// A relative decrease of the cost below this, with hardly any damping, ends the search.
+/// A relative decrease of the cost below this is a small one; three in succession end the search.
 const CONVERGED: f64 = 1e-12;
 
 type Square = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -70,7 +70,7 @@ pub(super) fn pose(corners: &[Corner], interior: &Interior, start: Pose) -> Opti
 fn minimise(views: &[&[Corner]], free: &Free, interior: Interior, poses: Vec<Pose>) -> Option<Adjusted> {
     let normal = Normal::at(views, free, &interior, &poses)?;
     let mut best = Adjusted { interior, poses, cost: normal.cost, converged: false, normal };
-    let mut lambda = 1e-3;
+    let (mut lambda, mut small_steps) = (1e-3, 0);
     for _ in 0..ITERATIONS {
         let next = best.normal.step(lambda).and_then(|(by, poses_by)| {
             let interior = Interior(best.interior.0 + by);
@@ -80,11 +80,10 @@ fn minimise(views: &[&[Corner]], free: &Free, interior: Interior, poses: Vec<Pos
         });
         match next {
             Some(next) if next.cost <= best.cost => {
-                let decrease = best.cost - next.cost;
-                let small = decrease <= CONVERGED * best.cost;
+                let small = best.cost - next.cost <= CONVERGED * best.cost;
+                small_steps = if small { small_steps + 1 } else { 0 };
                 best = next;
-                // With strong damping a small decrease only means a small step.
-                if small && lambda <= 1e-3 {
+                if small_steps == 3 {
                     best.converged = true;
                     break;
                 }

@@ -1,0 +1,16 @@
+//! `rigd calibrate`: the calibration steps on photographs in a folder.
+pub mod camera;
+
+/// Calibrate from photographs in a folder.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Calibrate {
+    /// Focal length, principal point and distortion from photographs of a chessboard.
+    Camera(camera::Args),
+}
+
+/// Runs the step.
+pub fn run(step: &Calibrate) -> anyhow::Result<()> {
+    match step {
+        Calibrate::Camera(args) => camera::run(args),
+    }
+}
