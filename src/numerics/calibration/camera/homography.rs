@@ -4,6 +4,9 @@
 use super::Corner;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
+/// Ratio of singular values below which a homography flattens the board; a board seen at 75 degrees has about 0.1.
+const SINGULAR: f64 = 1e-3;
+
 /// Maps board coordinates (mm, 1) to pixels; None unless the corners span a plane on both sides.
 pub(super) fn homography(corners: &[Corner]) -> Option<Matrix3<f64>> {
     let board = normaliser(corners.iter().map(|c| c.board_mm))?;
@@ -28,7 +31,13 @@ pub(super) fn homography(corners: &[Corner]) -> Option<Matrix3<f64>> {
     if second.fold(f64::INFINITY, f64::min) < 1e-6 * svd.singular_values.max() {
         return None;
     }
-    let found = pixel.try_inverse()? * Matrix3::from_row_slice(&h) * board;
+    let normalised = Matrix3::from_row_slice(&h);
+    // ... and a picture that is a line has a singular one.
+    let spread = normalised.singular_values();
+    if spread.min() <= SINGULAR * spread.max() {
+        return None;
+    }
+    let found = pixel.try_inverse()? * normalised * board;
     found.iter().all(|v| v.is_finite()).then_some(found)
 }
 

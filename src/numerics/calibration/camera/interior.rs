@@ -69,8 +69,7 @@ impl Interior {
 
     /// Projects a point of the camera frame; none unless it lies in front of the camera.
     pub(super) fn project(&self, point: &Vec3) -> Option<Projected> {
-        // A comparison that is false for NaN.
-        if !(point.z > 0.0) {
+        if point.z.is_nan() || point.z <= 0.0 {
             return None;
         }
         let [fx, fy, cx, cy, k1, k2, p1, p2, k3] = self.values();

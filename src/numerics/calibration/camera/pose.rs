@@ -4,7 +4,7 @@ use super::homography::homography;
 use super::interior::Interior;
 use super::{Corner, adjust};
 use crate::numerics::geometry::Vec3;
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
 /// Board to camera frame: a board point (x, y, 0), mm, lies at `rotation * (x, y, 0) + translation_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +24,12 @@ impl Pose {
     /// Unit normal of the board, away from the camera where the board's x, y axes are labelled as seen.
     pub fn normal(&self) -> Vec3 {
         self.rotation * Vec3::z()
+    }
+
+    /// Axis times angle, rad.
+    pub fn rotation_vector(&self) -> Vec3 {
+        // Not by the matrix's trace, whose arc cosine knows small angles poorly or, after rounding, not at all.
+        UnitQuaternion::from_rotation_matrix(&self.rotation).scaled_axis()
     }
 
     /// Moved by a small rotation vector (camera axes, rad) and a translation (mm).

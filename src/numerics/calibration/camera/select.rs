@@ -141,11 +141,11 @@ impl Fit {
         if self.covariance.is_none() {
             return Some(Verdict::Open);
         }
-        if !(sigma_px <= limit_px) {
+        if sigma_px.is_nan() || sigma_px > limit_px {
             return Some(Verdict::PrincipalUncertain { sigma_px, limit_px });
         }
         let sigma = self.focal_sigma();
-        (!(sigma <= FOCAL_SIGMA)).then_some(Verdict::FocalUncertain { sigma })
+        (sigma.is_nan() || sigma > FOCAL_SIGMA).then_some(Verdict::FocalUncertain { sigma })
     }
 }
 

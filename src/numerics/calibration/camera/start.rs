@@ -6,15 +6,15 @@ use super::pose::{Pose, pose};
 use super::{Size, View};
 use nalgebra::Matrix3;
 
-/// Focal lengths tried beside the closed form, in image diagonals: from a wide angle to a long lens.
+/// Focal lengths tried where the closed form has no answer, in image diagonals: from a wide angle to a long lens.
 const GUESSES: [f64; 4] = [0.8, 1.6, 4.0, 8.0];
 
 /// The start with the smallest median error of a view.
 pub(super) fn start(views: &[&View], size: Size) -> Option<(Interior, Vec<Pose>)> {
     let homographies: Vec<Matrix3<f64>> = views.iter().filter_map(|v| homography(&v.corners)).collect();
     let closed = focal_length(&homographies, size);
-    let candidates = GUESSES.iter().map(|g| g * size.diagonal()).chain(closed);
-    let tried = candidates.filter_map(|focal_px| {
+    let candidates = closed.map_or_else(|| GUESSES.map(|g| g * size.diagonal()).to_vec(), |focal| vec![focal]);
+    let tried = candidates.into_iter().filter_map(|focal_px| {
         let interior = Interior::simple(focal_px, size.center());
         let posed: Option<Vec<_>> = views.iter().map(|v| pose(&v.corners, &interior)).collect();
         let posed = posed?;

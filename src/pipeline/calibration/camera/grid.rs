@@ -16,6 +16,8 @@ pub(super) struct Grid {
 /// The one window of the labels that holds exactly the board. The detector now and then adds corners beside the board: one too
 /// many, taken blindly, has moved a focal length by 1.3 %.
 pub(super) fn crop(labelled: &Labelled, board: &Board) -> Result<Grid, BadPhotograph> {
+    let side = |corners: usize| i32::try_from(corners).unwrap_or(i32::MAX);
+    let (columns, rows) = (side(board.columns), side(board.rows));
     let places: HashMap<[i32; 2], [f64; 2]> = labelled.iter().copied().collect();
     let span = |axis: usize| {
         let along = places.keys().map(|k| k[axis]);
@@ -25,11 +27,10 @@ pub(super) fn crop(labelled: &Labelled, board: &Board) -> Result<Grid, BadPhotog
     let mut found = Vec::new();
     let turns: &[bool] = if board.columns == board.rows { &[false] } else { &[false, true] };
     for &turned in turns {
-        let (wide, high) = if turned { (board.rows, board.columns) } else { (board.columns, board.rows) };
-        let (wide, high) = (wide as i32, high as i32);
+        let (wide, high) = if turned { (rows, columns) } else { (columns, rows) };
         for (u, v) in (u0..=u1 - wide + 1).flat_map(|u| (v0..=v1 - high + 1).map(move |v| (u, v))) {
             let at = |row: i32, column: i32| if turned { [u + row, v + column] } else { [u + column, v + row] };
-            let cells = (0..board.rows as i32).flat_map(|row| (0..board.columns as i32).map(move |c| (row, c)));
+            let cells = (0..rows).flat_map(|row| (0..columns).map(move |c| (row, c)));
             let corners: Option<Vec<_>> = cells.map(|(row, column)| places.get(&at(row, column)).copied()).collect();
             found.extend(corners);
         }

@@ -61,8 +61,7 @@ fn crossing(image: &Image<u8>, start: [f64; 2], half: f64) -> Option<[f64; 2]> {
         let by = offset(image, at, half)?;
         at = [at[0] + by[0], at[1] + by[1]];
         let far = (at[0] - start[0]).hypot(at[1] - start[1]);
-        // A comparison that is false for NaN.
-        if !(far < half.max(4.0)) {
+        if far.is_nan() || far > half.max(4.0) {
             return None;
         }
         if by[0].hypot(by[1]) < 1e-4 {

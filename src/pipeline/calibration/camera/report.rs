@@ -142,7 +142,7 @@ pub(super) fn report(
         let sigma = |i: usize| used.covariance[(i, i)].max(0.0).sqrt();
         view.rms_px = Some(used.rms_px);
         view.pose = Some(PoseReport {
-            rotation_vector: used.pose.rotation.scaled_axis().into(),
+            rotation_vector: used.pose.rotation_vector().into(),
             translation_mm: used.pose.translation_mm.into(),
             rotation_sigma: [0, 1, 2].map(sigma),
             translation_sigma_mm: [3, 4, 5].map(sigma),
