@@ -1,3 +1,4 @@
-//! Calibration from photographs: reports that are stored and used again.
+//! Calibration of the rig from photographs: named images in, plain reports out.
+pub mod camera;
 mod doubts;
 pub mod response;

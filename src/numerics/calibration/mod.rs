@@ -1,0 +1,2 @@
+//! What photographs of known objects say of the rig.
+pub mod camera;
