@@ -17,6 +17,9 @@ const MOST_LOST: f64 = 0.04;
 /// would choose among good samples.
 const FADING_LEVEL: f64 = 244.0;
 
+/// It fades likewise from [`LOWEST_LEVEL`] to this one.
+const DARKEST_LEVEL: f64 = 4.0;
+
 /// What a pixel is merged with when its longest open frame has a certain level.
 #[derive(Clone, Copy)]
 pub(super) struct Row<const FRAMES: usize> {
@@ -103,11 +106,9 @@ impl<'a> Precision<'a> {
     fn of(&self, radiance: f64, frame: usize) -> f64 {
         let level = self.level(radiance, frame);
         let clipped = f64::from(CLIPPED_LEVEL);
-        let trust = ((clipped - level) / (clipped - FADING_LEVEL)).clamp(0.0, 1.0);
-        // The longest frame's own level comes back with an error of rounding.
-        if level + 1e-9 < f64::from(LOWEST_LEVEL) {
-            return 0.0;
-        }
+        let bright = (clipped - level) / (clipped - FADING_LEVEL);
+        let dark = (level - DARKEST_LEVEL) / (f64::from(LOWEST_LEVEL) - DARKEST_LEVEL);
+        let trust = bright.min(dark).clamp(0.0, 1.0);
         let time = self.times[frame];
         trust * time * time / self.exposure_variance(radiance * time, level)
     }
@@ -140,7 +141,7 @@ impl<'a> Precision<'a> {
         let used = open.min(FRAMES);
         let precisions: Vec<f64> = (0..used).map(|k| self.of(radiance, longest - k)).collect();
         let total: f64 = precisions.iter().sum();
-        if total == 0.0 {
+        if total == 0.0 || level < usize::from(LOWEST_LEVEL) {
             terms[0] = radiance as f32;
             return Row { terms, variance: -(radiance * radiance) as f32 };
         }
