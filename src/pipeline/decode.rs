@@ -74,13 +74,23 @@ impl Format {
 /// Decodes a JPEG, PNG or BMP file to 8-bit RGB as stored: an EXIF orientation is not applied, because the rig's geometry
 /// is the sensor's.
 pub fn decode(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let mut picture = Image::filled(0, 0, [0; 3]);
+    decode_into(bytes, &mut picture)?;
+    Ok(picture)
+}
+
+/// As [`decode`], into the memory of another picture: taking a frame's memory anew costs a third of decoding it. After an error
+/// the picture has no pixels.
+pub fn decode_into(bytes: &[u8], picture: &mut Image<[u8; 3]>) -> Result<(), DecodeError> {
     let format = Format::of(bytes)?;
+    let pixels = std::mem::take(&mut picture.pixels);
     let decoded = contained(|| match format {
-        Format::Jpeg => decode_jpeg(bytes),
+        Format::Jpeg => decode_jpeg(bytes, pixels),
         Format::Png => decode_lossless(bytes, format, image::ImageFormat::Png),
         Format::Bmp => decode_lossless(bytes, format, image::ImageFormat::Bmp),
     });
-    decoded.unwrap_or_else(|| Err(damaged(format, "the decoder gave up")))
+    *picture = decoded.unwrap_or_else(|| Err(damaged(format, "the decoder gave up")))?;
+    Ok(())
 }
 
 fn damaged(format: Format, reason: impl ToString) -> DecodeError {
@@ -94,7 +104,7 @@ fn check_size(width: usize, height: usize) -> Result<(), DecodeError> {
     Ok(())
 }
 
-fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+fn decode_jpeg(bytes: &[u8], mut pixels: Vec<[u8; 3]>) -> Result<Image<[u8; 3]>, DecodeError> {
     let broken = |reason: zune_jpeg::errors::DecodeErrors| damaged(Format::Jpeg, reason);
     if !has_end(bytes) {
         return Err(damaged(Format::Jpeg, "it has no end marker"));
@@ -109,14 +119,21 @@ fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     decoder.decode_headers().map_err(broken)?;
     let (width, height) = decoder.dimensions().ok_or_else(|| damaged(Format::Jpeg, "it has no size"))?;
     check_size(width, height)?;
-    rgb(Format::Jpeg, width, height, &decoder.decode().map_err(broken)?)
+    if pixels.len() != width * height {
+        pixels = vec![[0; 3]; width * height];
+    }
+    if pixels.is_empty() || decoder.output_buffer_size() != Some(pixels.as_flattened().len()) {
+        return Err(damaged(Format::Jpeg, "it has fewer samples than its size says"));
+    }
+    decoder.decode_into(pixels.as_flattened_mut()).map_err(broken)?;
+    Ok(Image { width, height, pixels })
 }
 
 /// True when an end marker follows the last start of a scan. Inside a scan neither occurs, and the scan and end of a thumbnail
 /// lie before the picture's own; the decoder itself takes a file that lacks its last rows' bits.
 fn has_end(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
-    last(0xd9) > last(0xda)
+    let mut from_the_end = bytes.windows(2).rev();
+    from_the_end.find(|pair| matches!(pair, [0xff, 0xd9 | 0xda])).is_some_and(|pair| pair[1] == 0xd9)
 }
 
 fn decode_lossless(bytes: &[u8], format: Format, kind: image::ImageFormat) -> Result<Image<[u8; 3]>, DecodeError> {
