@@ -5,9 +5,8 @@
 //! compiler makes vectors of them for each instruction set, and multiplications and additions are never fused.
 
 use super::super::bracket::Bracket;
-use super::super::response::LEVELS;
-use super::weights::{ChannelTable, Row, Tables};
-use super::{CLIPPED_LEVEL, Method, Out};
+use super::weights::{ChannelTable, Tables};
+use super::{CLIPPED_LEVEL, Method, Out, usable};
 use crate::numerics::simd::{Level, Vector, Work};
 
 /// Pixels of a block.
@@ -113,32 +112,21 @@ fn select<const FRAMES: usize>(frames: &[&[u8]], block: &mut Block<FRAMES>) {
 fn look_up<const FRAMES: usize>(block: &Block<FRAMES>, Tables(tables): &Tables<FRAMES>, into: &mut Out<'_>) {
     let open = block.open.as_chunks::<3>().0;
     let levels: [&[[u8; 3]]; FRAMES] = std::array::from_fn(|k| block.levels[k].as_chunks::<3>().0);
-    let out = into.radiance.iter_mut().zip(into.variance.iter_mut()).zip(into.valid.iter_mut());
-    for (i, (((radiance, variance), valid), open)) in out.zip(open).enumerate() {
-        let mut signs = 0;
+    for (i, ((radiance, variance), open)) in
+        into.radiance.iter_mut().zip(into.variance.iter_mut()).zip(open).enumerate()
+    {
         for c in 0..3 {
             let ChannelTable { rows, exposure } = &tables[c];
-            let row: &Row<FRAMES> = &rows[usize::from(open[c])][usize::from(levels[0][i][c])];
-            radiance[c] = row.terms[0] + others(&levels, i, c, row, exposure);
-            variance[c] = row.variance.abs();
-            signs |= row.variance.to_bits();
+            let row = &rows[usize::from(open[c])][usize::from(levels[0][i][c])];
+            let mut sum = row.terms[0];
+            for k in 1..FRAMES {
+                sum += row.terms[k] * exposure[usize::from(levels[k][i][c])];
+            }
+            radiance[c] = sum;
+            variance[c] = row.variance;
         }
-        *valid = signs >> 31 == 0;
     }
-}
-
-/// What the shorter frames add to the radiance.
-#[inline(always)]
-fn others<const FRAMES: usize>(
-    levels: &[&[[u8; 3]]; FRAMES],
-    pixel: usize,
-    channel: usize,
-    row: &Row<FRAMES>,
-    exposure: &[f32; LEVELS],
-) -> f32 {
-    let mut sum = 0.0;
-    for k in 1..FRAMES {
-        sum += row.terms[k] * exposure[usize::from(levels[k][pixel][channel])];
+    for ((valid, open), levels) in into.valid.iter_mut().zip(open).zip(levels[0]) {
+        *valid = (0..3).fold(true, |all, c| all & usable(usize::from(open[c]), levels[c]));
     }
-    sum
 }

@@ -24,6 +24,12 @@ const CLIPPED_LEVEL: u8 = 252;
 /// Pixels a thread takes at a time.
 const CHUNK: usize = 16 * kernel::PIXELS;
 
+/// Whether a sample is known: of a number of open frames the longest has a level bright enough.
+#[inline(always)]
+fn usable(open: usize, level: u8) -> bool {
+    (open > 0) & (level >= LOWEST_LEVEL)
+}
+
 /// What a bracket is merged with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Estimator {

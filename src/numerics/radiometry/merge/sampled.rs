@@ -3,7 +3,7 @@
 use super::super::bracket::Bracket;
 use super::super::noise::SensorNoise;
 use super::super::response::{LEVELS, Response, slope};
-use super::{CLIPPED_LEVEL, Estimator, LOWEST_LEVEL, Method, Out};
+use super::{CLIPPED_LEVEL, Estimator, Method, Out, usable};
 use crate::numerics::simd::Level;
 
 /// What a level of a frame adds to the three sums of a pixel.
@@ -31,8 +31,7 @@ impl Method for Sampled {
         for (pixel, ((radiance, variance), valid)) in (from..).zip(out) {
             *valid = true;
             for c in 0..3 {
-                let known = self.estimate(bracket, pixel, c);
-                let (value, of, usable) = known.unwrap_or((self.bound[c], self.bound[c].powi(2), false));
+                let (value, of, usable) = self.estimate(bracket, pixel, c);
                 (radiance[c], variance[c]) = (value as f32, of as f32);
                 *valid &= usable;
             }
@@ -57,30 +56,32 @@ impl Sampled {
         }
     }
 
-    /// Radiance, its variance, and whether the level of the longest open frame is bright enough; none when all are clipped.
-    fn estimate(&self, bracket: &Bracket, pixel: usize, c: usize) -> Option<(f64, f64, bool)> {
+    /// Radiance, its variance, and whether it is usable.
+    fn estimate(&self, bracket: &Bracket, pixel: usize, c: usize) -> (f64, f64, bool) {
         let mut sums = Terms::default();
-        let mut longest = None;
+        let (mut open, mut level) = (0, 0);
         for (frame, terms) in bracket.exposures().iter().zip(&self.terms[c]) {
-            let level = frame.levels.pixels[pixel][c];
-            if level >= CLIPPED_LEVEL {
+            let next = frame.levels.pixels[pixel][c];
+            if next >= CLIPPED_LEVEL {
                 break;
             }
-            let terms = &terms[usize::from(level)];
+            let terms = &terms[usize::from(next)];
             sums.weighted += terms.weighted;
             sums.weight += terms.weight;
             sums.variance += terms.variance;
-            longest = Some(level);
+            (open, level) = (open + 1, next);
         }
-        let level = longest?;
+        if open == 0 {
+            return (self.bound[c], self.bound[c].powi(2), false);
+        }
         if sums.weight == 0.0 {
-            return Some((0.0, 0.0, false));
+            return (0.0, 0.0, false);
         }
         let (mean, variance) = (sums.weighted / sums.weight, sums.variance / sums.weight.powi(2));
         let (value, variance) =
             if self.logarithmic { (mean.exp(), variance * (2.0 * mean).exp()) } else { (mean, variance) };
-        let usable = level >= LOWEST_LEVEL;
-        Some((value, if usable { variance } else { value * value }, usable))
+        let usable = usable(open, level);
+        (value, if usable { variance } else { value * value }, usable)
     }
 }
 

@@ -9,10 +9,11 @@
 use super::super::bracket::Bracket;
 use super::super::noise::SensorNoise;
 use super::super::response::{LEVELS, Response, level_of, slope};
-use super::{CLIPPED_LEVEL, LOWEST_LEVEL};
+use super::{CLIPPED_LEVEL, LOWEST_LEVEL, usable};
 
-/// Share of the precision that the frames left out may hold: 4 % of it is 2 % of the standard error.
-const MOST_LOST: f64 = 0.04;
+/// Share of the precision that the frames left out may hold: 8 % of it is 4 % of the standard error, and hardly any pixel
+/// loses that much.
+const MOST_LOST: f64 = 0.08;
 /// Trust in a frame fades from here to the clipped level, where the response is less and less certain. Were it cut off, noise
 /// would choose among good samples.
 const FADING_LEVEL: f64 = 244.0;
@@ -26,8 +27,17 @@ pub(super) struct Row<const FRAMES: usize> {
     /// First the exposure of that frame times its weight, then the weights of the next shorter frames; weights are per second
     /// and contain the division by their sum.
     pub terms: [f32; FRAMES],
-    /// Variance of the radiance; negative, and as large as its square, where the pixel is not valid.
+    /// Variance of the radiance; its square where the sample is not usable.
     pub variance: f32,
+}
+
+impl<const FRAMES: usize> Row<FRAMES> {
+    /// A bound, or a value too dark to be trusted.
+    fn known_no_better(radiance: f64) -> Self {
+        let mut terms = [0.0; FRAMES];
+        terms[0] = radiance as f32;
+        Self { terms, variance: (radiance * radiance) as f32 }
+    }
 }
 
 /// Rows of one channel by number of open frames and level of the longest of them, and the exposures of levels.
@@ -131,20 +141,17 @@ impl<'a> Precision<'a> {
     }
 
     fn row<const FRAMES: usize>(&self, open: usize, level: usize) -> Row<FRAMES> {
-        let mut terms = [0.0; FRAMES];
         let Some(longest) = open.checked_sub(1) else {
-            let bound = self.exposure(usize::from(CLIPPED_LEVEL)) / self.times[0];
-            terms[0] = bound as f32;
-            return Row { terms, variance: -(bound * bound) as f32 };
+            return Row::known_no_better(self.exposure(usize::from(CLIPPED_LEVEL)) / self.times[0]);
         };
         let radiance = self.exposure(level) / self.times[longest];
+        if !usable(open, level as u8) {
+            return Row::known_no_better(radiance);
+        }
         let used = open.min(FRAMES);
         let precisions: Vec<f64> = (0..used).map(|k| self.of(radiance, longest - k)).collect();
         let total: f64 = precisions.iter().sum();
-        if total == 0.0 || level < usize::from(LOWEST_LEVEL) {
-            terms[0] = radiance as f32;
-            return Row { terms, variance: -(radiance * radiance) as f32 };
-        }
+        let mut terms = [0.0; FRAMES];
         for (k, precision) in precisions.iter().enumerate() {
             terms[k] = (precision / total / self.times[longest - k]) as f32;
         }
