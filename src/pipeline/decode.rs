@@ -22,6 +22,11 @@ pub enum DecodeError {
         /// The first bytes, at most 8.
         start: Vec<u8>,
     },
+    /// A raw file.
+    #[error(
+        "a Canon raw file: raw files are not read; set the camera to JPEG, or convert it to PNG with a known curve"
+    )]
+    Raw,
     /// Larger than any camera's picture.
     #[error("{width}x{height} pixels are more than the {MAX_PIXELS} accepted: give a smaller picture")]
     TooLarge {
@@ -58,6 +63,7 @@ impl Format {
             [0xff, 0xd8, 0xff, ..] => Ok(Self::Jpeg),
             [0x89, b'P', b'N', b'G', ..] => Ok(Self::Png),
             [b'B', b'M', ..] => Ok(Self::Bmp),
+            [b'I', b'I', 0x2a, 0, _, _, _, _, b'C', b'R', ..] => Err(DecodeError::Raw),
             _ => Err(DecodeError::UnknownFormat { start: bytes.iter().take(8).copied().collect() }),
         }
     }
@@ -312,6 +318,7 @@ mod tests {
         huge[18..22].copy_from_slice(&15_000_i32.to_le_bytes());
         huge[22..26].copy_from_slice(&15_000_i32.to_le_bytes());
         assert_eq!(decode(&huge), Err(DecodeError::TooLarge { width: 15_000, height: 15_000 }));
+        assert_eq!(decode(b"II\x2a\x00\x10\x00\x00\x00CR\x02\x00"), Err(DecodeError::Raw));
         for foreign in [&b""[..], b"GIF89a....", b"hello"] {
             assert!(matches!(decode(foreign), Err(DecodeError::UnknownFormat { .. })));
         }

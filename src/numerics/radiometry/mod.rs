@@ -1,5 +1,8 @@
-//! Camera response (Debevec & Malik 1997), bracket merge with variance, sensor noise.
+//! Camera response (Debevec & Malik 1997), bracket merge with variance, dark frames, flat field, lamp drift, sensor noise.
 pub mod bracket;
+pub mod dark;
+pub mod drift;
+pub mod flat;
 pub mod merge;
 mod monotone;
 pub mod noise;

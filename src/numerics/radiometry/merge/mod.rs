@@ -18,9 +18,9 @@ use sampled::Sampled;
 use weights::{Tables, frames_needed};
 
 /// Samples below this level are not used: the response is not known well there.
-const LOWEST_LEVEL: u8 = 10;
+pub(super) const LOWEST_LEVEL: u8 = 10;
 /// From this level on a frame counts as clipped.
-const CLIPPED_LEVEL: u8 = 252;
+pub(super) const CLIPPED_LEVEL: u8 = 252;
 /// Pixels a thread takes at a time.
 const CHUNK: usize = 16 * kernel::PIXELS;
 
