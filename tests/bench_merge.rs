@@ -14,7 +14,8 @@ fn the_table_has_every_part_and_leaves_the_frames_for_others() {
     })
     .unwrap();
     println!("{}\n{}", heading((700, 480)), lines.join("\n"));
-    let parts = ["peak memory", "decode one JPEG", "inverse-variance", "poisson", "debevec", "robertson", "to EXR on disk"];
+    let parts =
+        ["peak memory", "decode one JPEG", "inverse-variance", "poisson", "debevec", "robertson", "to EXR on disk"];
     for part in parts {
         assert_eq!(lines.iter().filter(|line| line.contains(part)).count(), 1, "{part}");
     }
