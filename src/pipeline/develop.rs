@@ -1,12 +1,13 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
-use super::decode::{Format, decode};
+use super::decode::{Format, decode_into};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure};
 use crate::numerics::radiometry::merge::merge;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::{Response, recover};
 use crate::numerics::radiometry::times::{MeasuredTime, MeasuredTimes};
+use rayon::prelude::*;
 
 /// A frame of a bracket.
 #[derive(Clone, Copy, Debug)]
@@ -119,23 +120,37 @@ pub fn develop(
     })
 }
 
-/// Decodes the frames, one full frame in memory at a time, and keeps the crop of each.
+/// Full frames in memory at a time.
+const DECODED_AT_A_TIME: usize = 2;
+
+/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each.
 pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
-    let mut level_variance = LOSSLESS_VARIANCE;
+    let lossy = frames.iter().any(|frame| Format::of(frame.bytes) == Ok(Format::Jpeg));
+    let mut memory: [Image<[u8; 3]>; DECODED_AT_A_TIME] = std::array::from_fn(|_| Image::filled(0, 0, [0; 3]));
     let mut exposures = Vec::with_capacity(frames.len());
-    for frame in frames {
-        let unusable = |reason: String| DevelopError::Frame { name: frame.name.to_owned(), reason };
-        let picture = decode(frame.bytes).map_err(|e| unusable(e.to_string()))?;
-        if Format::of(frame.bytes) == Ok(Format::Jpeg) {
-            level_variance = JPEG_VARIANCE;
+    for some in frames.chunks(DECODED_AT_A_TIME) {
+        let read: Vec<_> =
+            some.par_iter().zip(&mut memory).map(|(frame, picture)| read_frame(frame, crop, picture)).collect();
+        for exposure in read {
+            exposures.push(exposure?);
         }
-        let levels = match crop {
-            Some(crop) => cut(&picture, crop).map_err(unusable)?,
-            None => picture,
-        };
-        exposures.push(Exposure { name: frame.name.to_owned(), levels, time_s: frame.time_s });
     }
-    Ok(Bracket::new(exposures, level_variance)?)
+    Ok(Bracket::new(exposures, if lossy { JPEG_VARIANCE } else { LOSSLESS_VARIANCE })?)
+}
+
+/// Decodes a frame into `picture`, which is there for the next one unless all of it is kept.
+fn read_frame(
+    frame: &BracketFrame<'_>,
+    crop: Option<Crop>,
+    picture: &mut Image<[u8; 3]>,
+) -> Result<Exposure, DevelopError> {
+    let unusable = |reason: String| DevelopError::Frame { name: frame.name.to_owned(), reason };
+    decode_into(frame.bytes, picture).map_err(|e| unusable(e.to_string()))?;
+    let levels = match crop {
+        Some(crop) => cut(picture, crop).map_err(unusable)?,
+        None => std::mem::replace(picture, Image::filled(0, 0, [0; 3])),
+    };
+    Ok(Exposure { name: frame.name.to_owned(), levels, time_s: frame.time_s })
 }
 
 /// Variance of rounding to a whole level, levels squared.
