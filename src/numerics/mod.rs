@@ -1,5 +1,6 @@
 //! Synchronous mathematics: no tokio, no serde, no files, no clocks, no configuration.
 pub mod brdf;
+pub mod calibration;
 pub mod fit;
 pub mod geometry;
 pub mod image;
