@@ -1,4 +1,5 @@
 //! Synchronous steps from frames to a fitted material: no paths, no devices, no clocks.
+pub mod calibration;
 pub mod contain;
 pub mod dataset;
 pub mod decode;

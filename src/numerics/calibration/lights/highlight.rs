@@ -239,7 +239,7 @@ impl<'a> Disc<'a> {
         let (x, y) = (x / sum, y / sum);
         let lever: f64 =
             inner.iter().filter(|p| above(p) > 0.1 * height).map(|p| (p.0 - x).powi(2) + (p.1 - y).powi(2)).sum();
-        let clipped = inner.iter().filter(|p| p.3).count();
+        let clipped = inner.iter().filter(|p| p.3 && above(p) > 0.1 * height).count();
         Some(Spot {
             at: [at[0] + x, at[1] + y],
             sigma: noise * (0.5 * lever).sqrt() / sum,
