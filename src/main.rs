@@ -1,7 +1,7 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{bench, config, demo, error, fit, merge, relight, serve, session, simulate, study};
+use rigd::cli::{bench, calibrate, config, demo, error, fit, merge, relight, serve, session, simulate, study};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -20,6 +20,8 @@ enum Command {
     Fit(fit::Args),
     Relight(relight::Args),
     Merge(merge::Args),
+    #[command(subcommand)]
+    Calibrate(calibrate::Calibrate),
     Config(config::Args),
     Bench(bench::Args),
     /// Measure the solvers on scenes of known truth: tables and charts.
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),
         Command::Merge(args) => merge::run(args),
+        Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Study(study) => study::run(&study),

@@ -1,5 +1,6 @@
 //! Commands: the composition root. The only place that knows both the simulated and the real devices.
 pub mod bench;
+pub mod calibrate;
 pub mod config;
 pub mod daemon;
 pub mod demo;

@@ -101,7 +101,9 @@ fn run_lights(args: &Extent) -> anyhow::Result<()> {
     let (pictures, scale) = if args.long { (20, 1.0) } else { (3, 0.25) };
     make(&args.out)?;
     let cases = lights::run(&lights::Plan { seeds: args.seeds.unwrap_or(200), pictures, scale });
-    super::error::print_line("seen                      noise px  circle   rms mm  worst mm  in 95 % ellipsoid  solved")?;
+    super::error::print_line(
+        "seen                      noise px  circle   rms mm  worst mm  in 95 % ellipsoid  solved",
+    )?;
     for case in &cases {
         super::error::print_line(format_args!(
             "{:<24} {:>9} {:>7} {:>8.2} {:>9.2} {:>16.1} % {:>7}",

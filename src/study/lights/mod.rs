@@ -142,8 +142,7 @@ fn features(seed: u64, highlight_px: f64, circle: bool) -> Errors {
 
 fn solve_with(rig: &Rig, balls: Vec<SeenBall>, sightings: Vec<Sighting>, circle: bool) -> Errors {
     let angle_sigma = 0.05_f64.to_radians();
-    let scene =
-        Scene { projection: &rig.projection, balls, sightings, angles: angles(rig, circle), angle_sigma };
+    let scene = Scene { projection: &rig.projection, balls, sightings, angles: angles(rig, circle), angle_sigma };
     errors(rig, &solve(&scene).ok()?)
 }
 

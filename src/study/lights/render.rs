@@ -22,11 +22,9 @@ pub struct Exposure {
 
 impl Exposure {
     /// One second: the balls stand out of the dark; highlights are clipped.
-    pub const SILHOUETTE: Self =
-        Self { diffuse: 0.6, spot: 20.0, background: 0.01, blur_px: 0.9, read_noise: 0.002 };
+    pub const SILHOUETTE: Self = Self { diffuse: 0.6, spot: 20.0, background: 0.01, blur_px: 0.9, read_noise: 0.002 };
     /// 1/200 s: the highlights alone.
-    pub const HIGHLIGHT: Self =
-        Self { diffuse: 0.003, spot: 0.7, background: 0.0, blur_px: 0.9, read_noise: 0.002 };
+    pub const HIGHLIGHT: Self = Self { diffuse: 0.003, spot: 0.7, background: 0.0, blur_px: 0.9, read_noise: 0.002 };
 }
 
 /// Electrons at full scale.

@@ -34,10 +34,8 @@ pub fn calibrate_intensity(
     let mut measured: Vec<(usize, &str, Intensity)> = Vec::new();
     for frame in frames {
         let refuse = |reason: String| LightsCalibrationError::Card { file: frame.file.clone(), reason };
-        let light = out
-            .lights
-            .get_mut(frame.light)
-            .ok_or_else(|| refuse(format!("there is no light {}", frame.light + 1)))?;
+        let light =
+            out.lights.get_mut(frame.light).ok_or_else(|| refuse(format!("there is no light {}", frame.light + 1)))?;
         let image = load(&frame.file).map_err(refuse)?;
         let lamp = LampAt {
             position: Vec3::from(light.position_mm),

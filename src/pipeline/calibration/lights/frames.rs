@@ -62,10 +62,7 @@ pub fn from_radiance(image: &RadianceImage) -> Spots {
         let mean = (sum / count.max(1) as f64) as f32;
         patch.into_iter().for_each(|i| level[i] = mean);
     }
-    Spots {
-        level: Image { width, height, pixels: level },
-        clipped: Image { width, height, pixels: invalid },
-    }
+    Spots { level: Image { width, height, pixels: level }, clipped: Image { width, height, pixels: invalid } }
 }
 
 #[cfg(test)]
@@ -74,11 +71,8 @@ mod tests {
 
     #[test]
     fn a_spot_clipped_in_every_exposure_stays_bright_and_the_dark_stays_dark() {
-        let mut image = RadianceImage {
-            radiance: Image::filled(9, 5, [1.0; 3]),
-            variance: None,
-            valid: Image::filled(9, 5, true),
-        };
+        let mut image =
+            RadianceImage { radiance: Image::filled(9, 5, [1.0; 3]), variance: None, valid: Image::filled(9, 5, true) };
         // A bright ring about pixel (2, 2), which is clipped; pixel (7, 2) is too dark.
         for (x, y) in [(1, 2), (3, 2), (2, 1), (2, 3)] {
             image.radiance.pixels[y * 9 + x] = [100.0; 3];

@@ -92,7 +92,9 @@ pub enum LightsCalibrationError {
         remedy: &'static str,
     },
     /// The camera or the stage moved.
-    #[error("{file}: the balls lie {pixels:.1} px from where the other frames show them: camera or stage moved; shoot the balls again")]
+    #[error(
+        "{file}: the balls lie {pixels:.1} px from where the other frames show them: camera or stage moved; shoot the balls again"
+    )]
     Moved {
         /// The frame.
         file: String,
@@ -110,7 +112,9 @@ pub enum LightsCalibrationError {
         reasons: String,
     },
     /// Mirror rays that do not meet.
-    #[error("{file}: the mirror rays do not meet in front of the balls: is it the frame of this light, and are the spots in it reflections of the lamp?")]
+    #[error(
+        "{file}: the mirror rays do not meet in front of the balls: is it the frame of this light, and are the spots in it reflections of the lamp?"
+    )]
     Rays {
         /// The frame.
         file: String,
@@ -210,11 +214,17 @@ fn report(
     for (index, light) in lights.iter_mut().enumerate() {
         if light.balls_used < settings.balls && light.warnings.is_empty() {
             let used = light.balls_used;
-            light.warnings.push(format!("{}: only {used} of {} balls used", name(index, &frames[index]), settings.balls));
+            light.warnings.push(format!(
+                "{}: only {used} of {} balls used",
+                name(index, &frames[index]),
+                settings.balls
+            ));
         }
     }
     if solved.circle.is_none() {
-        warnings.push("no arm circle: fewer than three lights with angles of their own; each light stands by itself".into());
+        warnings.push(
+            "no arm circle: fewer than three lights with angles of their own; each light stands by itself".into(),
+        );
     }
     if solved.scale > LARGE_FACTOR {
         warnings.push(format!(

@@ -78,7 +78,10 @@ fn counted(
 /// What was round and no ball.
 fn seen_else(rejected: &[Rejected]) -> String {
     let one = |r: &Rejected| {
-        format!("; at ({:.0}, {:.0}) px something round of {:.0} px: {}", r.center_px[0], r.center_px[1], r.radius_px, r.reason)
+        format!(
+            "; at ({:.0}, {:.0}) px something round of {:.0} px: {}",
+            r.center_px[0], r.center_px[1], r.radius_px, r.reason
+        )
     };
     rejected.iter().map(one).collect()
 }
@@ -99,7 +102,8 @@ fn still(
             (sigma < VAGUE_PX).then(|| (index, x.hypot(y), sigma))
         })
         .collect();
-    let moved: Vec<&(usize, f64, f64)> = known.iter().filter(|(_, off, sigma)| *off > MOVED_PX.max(5.0 * sigma)).collect();
+    let moved: Vec<&(usize, f64, f64)> =
+        known.iter().filter(|(_, off, sigma)| *off > MOVED_PX.max(5.0 * sigma)).collect();
     match moved.as_slice() {
         [] => {}
         all if 2 * all.len() > known.len() && all.len() > 1 => {
