@@ -44,11 +44,7 @@ fn positions_and_their_covariance_keep_the_bars() {
 
 /// A scene without noise but that of the arm's angles.
 fn exact(rig: &Rig) -> Scene<'_> {
-    let ball = |center: &Vec3| SeenBall {
-        center: *center,
-        covariance: Matrix3::identity() * 1e-4,
-        radius: rig.radius,
-    };
+    let ball = |center: &Vec3| SeenBall { center: *center, covariance: Matrix3::identity() * 1e-4, radius: rig.radius };
     let all = (0..rig.lamps.len()).flat_map(|light| (0..rig.balls.len()).map(move |ball| (light, ball)));
     Scene {
         projection: &rig.projection,
@@ -156,7 +152,9 @@ fn list() -> Vec<LightFrames> {
 fn calibrate(replaced: &[(&str, Spots)], balls: usize) -> Result<LightsCalibration, LightsCalibrationError> {
     let load = |name: &str| {
         let other = replaced.iter().find(|(known, _)| *known == name).map(|(_, spots)| spots.clone());
-        other.or_else(|| STAGE.frames.get(name).cloned()).ok_or_else(|| "no such file: name one that is there".to_owned())
+        other
+            .or_else(|| STAGE.frames.get(name).cloned())
+            .ok_or_else(|| "no such file: name one that is there".to_owned())
     };
     let rig = &STAGE.rig;
     let settings = LightsSettings {
@@ -423,5 +421,10 @@ fn a_shadow_and_a_tilt_of_the_card_are_named() {
     assert!(part.lights[2].warnings.iter().any(|w| w.contains("c2") && w.contains("darker")));
 
     let tilted = intensities(5.0, |_, _, _| 1.0);
-    assert!(tilted.warnings.iter().any(|w| w.contains("tilted by 5.")|| w.contains("tilted by 4.")), "{:?} {:?}", tilted.warnings, tilted.lights);
+    assert!(
+        tilted.warnings.iter().any(|w| w.contains("tilted by 5.") || w.contains("tilted by 4.")),
+        "{:?} {:?}",
+        tilted.warnings,
+        tilted.lights
+    );
 }

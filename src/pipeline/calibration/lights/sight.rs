@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 
 /// A larger share of clipped pixels is no picture of balls.
 const MOST_CLIPPED: f64 = 0.5;
-/// Outlines farther off than this mean that something moved, pixels; also five standard deviations.
-const MOVED_PX: f64 = 0.5;
+/// Outlines farther off than this mean that something moved, pixels: under one light the limb alone is up to 0.3 px off.
+const MOVED_PX: f64 = 0.7;
 /// A shift known no better than this says nothing, pixels.
 const VAGUE_PX: f64 = 0.25;
 
@@ -47,9 +47,12 @@ pub(super) fn balls(
     for (index, ball) in balls.iter().enumerate().filter(|(_, ball)| ball.blur_px > LARGEST_BLUR_PX) {
         warnings.push(format!("ball {} is blurred ({:.1} px): focus on the balls", index + 1, ball.blur_px));
     }
+    let mut shifts = Vec::new();
     for file in files {
-        still(file, &frame(file, load, settings)?.level, settings, &balls, warnings)?;
+        let image = frame(file, load, settings)?.level;
+        shifts.push((file, balls.iter().map(|ball| firm_shift(&image, settings, ball)).collect()));
     }
+    still(&shifts, balls.len(), warnings)?;
     Ok(balls)
 }
 
@@ -86,35 +89,45 @@ fn seen_else(rejected: &[Rejected]) -> String {
     rejected.iter().map(one).collect()
 }
 
-/// Refuses a frame in which most balls lie elsewhere than in the mean; warns of one ball that does.
+/// By how much a ball lies elsewhere in a frame than in the mean, if that is well known.
+fn firm_shift(image: &Image<f32>, settings: &LightsSettings, ball: &Ball) -> Option<[f64; 2]> {
+    let (shift, sigma) = balls::shift(image, &settings.projection, ball)?;
+    (sigma < VAGUE_PX).then_some(shift)
+}
+
+/// Refuses the frame in which most balls lie farthest from where they lie in the other frames (the median: a frame that moved
+/// draws the mean with it); warns of a single ball that does.
 fn still(
-    file: &str,
-    image: &Image<f32>,
-    settings: &LightsSettings,
-    balls: &[Ball],
+    shifts: &[(&str, Vec<Option<[f64; 2]>>)],
+    balls: usize,
     warnings: &mut Vec<String>,
 ) -> Result<(), LightsCalibrationError> {
-    let known: Vec<(usize, f64, f64)> = balls
-        .iter()
-        .enumerate()
-        .filter_map(|(index, ball)| {
-            let ([x, y], sigma) = balls::shift(image, &settings.projection, ball)?;
-            (sigma < VAGUE_PX).then(|| (index, x.hypot(y), sigma))
-        })
-        .collect();
-    let moved: Vec<&(usize, f64, f64)> =
-        known.iter().filter(|(_, off, sigma)| *off > MOVED_PX.max(5.0 * sigma)).collect();
-    match moved.as_slice() {
-        [] => {}
-        all if 2 * all.len() > known.len() && all.len() > 1 => {
-            let pixels = all.iter().map(|(_, off, _)| off).sum::<f64>() / all.len() as f64;
-            return Err(LightsCalibrationError::Moved { file: file.to_owned(), pixels });
+    let usual = |ball: usize, axis: usize| {
+        let mut all: Vec<f64> = shifts.iter().filter_map(|(_, of)| of[ball].map(|shift| shift[axis])).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(0.0)
+    };
+    let usual: Vec<[f64; 2]> = (0..balls).map(|ball| [usual(ball, 0), usual(ball, 1)]).collect();
+    let mut farthest: Option<(&str, f64)> = None;
+    let mut single = Vec::new();
+    for (file, of) in shifts {
+        let off: Vec<(usize, f64)> =
+            (0..balls).filter_map(|b| of[b].map(|s| (b, (s[0] - usual[b][0]).hypot(s[1] - usual[b][1])))).collect();
+        let moved: Vec<&(usize, f64)> = off.iter().filter(|(_, off)| *off > MOVED_PX).collect();
+        if moved.len() > 1 && 2 * moved.len() > off.len() {
+            let pixels = moved.iter().map(|(_, off)| off).sum::<f64>() / moved.len() as f64;
+            if farthest.is_none_or(|(_, most)| pixels > most) {
+                farthest = Some((*file, pixels));
+            }
+        } else {
+            single.extend(moved.into_iter().map(|(ball, off)| {
+                let other = "from where the other frames show it: did it roll, or does a shadow touch it?";
+                format!("{file}: ball {} lies {off:.1} px {other}", ball + 1)
+            }));
         }
-        some => warnings.extend(some.iter().map(|(index, off, _)| {
-            format!("{file}: ball {} lies {off:.1} px from where the other frames show it: did it roll, or does a shadow touch it?", index + 1)
-        })),
     }
-    Ok(())
+    warnings.extend(single);
+    farthest.map_or(Ok(()), |(file, pixels)| Err(LightsCalibrationError::Moved { file: file.to_owned(), pixels }))
 }
 
 /// The usable highlights of one light; what is wrong with the others goes to its warnings.
