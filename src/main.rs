@@ -20,6 +20,7 @@ enum Command {
     Fit(fit::Args),
     Relight(relight::Args),
     Merge(merge::Args),
+    /// Measure the camera on photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
     Config(config::Args),

@@ -3,6 +3,7 @@
 
 use rigd::cli::merge::merge_folder;
 use rigd::numerics::radiometry::bracket::Verdict;
+use rigd::numerics::radiometry::merge::Estimator;
 use rigd::pipeline::decode::{FrameInfo, decode};
 use std::path::PathBuf;
 
@@ -38,24 +39,25 @@ fn listed(name: &str) -> Option<tempfile::TempDir> {
 fn a_real_night_bracket_merges() {
     let Some(folder) = listed("bracket-night") else { return };
     let merged = merge_folder(folder.path()).unwrap();
-    assert_eq!(merged.frames.len(), 14);
+    assert_eq!(merged.calibration.exposures.len(), 14);
+    let image = merged.image(Estimator::InverseVariance).unwrap();
     // The three shortest frames are nearly black: nothing can be said of their times.
     assert_eq!(merged.pairs[0].verdict, Verdict::NotTestable);
     assert!(merged.pairs.iter().filter(|pair| pair.verdict == Verdict::Sound).count() >= 11);
-    for curve in &merged.recovered.response.log_exposure {
+    for curve in &merged.calibration.log_exposure {
         assert!(curve.windows(2).all(|step| step[0] <= step[1]));
         assert!(curve[245] - curve[10] > 2.0, "the curve spans {} in log exposure", curve[245] - curve[10]);
     }
-    let valid = merged.image.valid.pixels.iter().filter(|v| **v).count();
-    println!("{valid} of {} pixels valid, {:?} constraints active", 640 * 426, merged.recovered.active_constraints);
+    let valid = image.valid.pixels.iter().filter(|v| **v).count();
+    println!("{valid} of {} pixels valid, {:?} constraints active", 640 * 426, merged.calibration.active_constraints);
     assert!(valid > 640 * 426 / 2, "{valid} pixels are valid");
     // The merged image explains a frame it was made from: predicted levels of the 1 s exposure agree with the file's.
     let frame = decode(&std::fs::read(shared("bracket-night").unwrap().join("10.bmp")).unwrap()).unwrap();
-    let curve = &merged.recovered.response.log_exposure[1];
+    let curve = &merged.calibration.log_exposure[1];
     let mut differences: Vec<f64> = (0..frame.pixels.len())
-        .filter(|&i| merged.image.valid.pixels[i] && (20..235).contains(&frame.pixels[i][1]))
+        .filter(|&i| image.valid.pixels[i] && (20..235).contains(&frame.pixels[i][1]))
         .map(|i| {
-            let log = f64::from(merged.image.radiance.pixels[i][1]).ln();
+            let log = f64::from(image.radiance.pixels[i][1]).ln();
             (curve.partition_point(|g| *g < log) as f64 - f64::from(frame.pixels[i][1])).abs()
         })
         .collect();
@@ -99,7 +101,7 @@ fn unusable_folders_are_refused_with_what_to_do() {
     };
     refused("no .jpg");
     std::fs::write(folder.path().join("a.png"), b"\x89PNG\r\n\x1a\n").unwrap();
-    refused("no third-stop exposure time in the EXIF of a.png: write exposures.toml");
+    refused("no exposure time in the EXIF of a.png: write exposures.toml");
     let list = |text: &str| std::fs::write(folder.path().join("exposures.toml"), text).unwrap();
     list("[[frame]]\nfile = \"a.png\"\n");
     refused("time_s");

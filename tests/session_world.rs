@@ -42,8 +42,8 @@ impl Processing for NoProcessing {
         1
     }
 
-    fn develop(&mut self, _: &Bracket) -> Result<(), String> {
-        Ok(())
+    fn develop(&mut self, _: &Bracket) -> Result<Value, String> {
+        Ok(Value::Null)
     }
     fn fit(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Value, String> {
         Ok(json!({}))

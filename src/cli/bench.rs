@@ -1,7 +1,8 @@
 //! `rigd bench`: what fits cost on this machine.
 
 use super::error::{bad_input, print_line};
-use crate::study::bench::{self, Entry, Plan, Section};
+use crate::study::bench::photographs::FULL_SIZE;
+use crate::study::bench::{self, Entry, Plan, Section, merging};
 use std::path::{Path, PathBuf};
 
 /// Measure what fits cost on this machine, in processor time, and print the table.
@@ -11,7 +12,11 @@ use std::path::{Path, PathBuf};
 /// the processor has. Times are of the processor, never of the wall: of one thread, or of all for the automatic fit. Run
 /// nothing else meanwhile all the same: caches and memory are shared.
 #[derive(clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Args {
+    /// Another table than that of the fits.
+    #[command(subcommand)]
+    pub part: Option<Part>,
     /// Directory for bench.csv and the chart of the growth (growth.svg, growth.png); made if missing.
     #[arg(long)]
     pub out: Option<PathBuf>,
@@ -23,8 +28,36 @@ pub struct Args {
     pub long: bool,
 }
 
+/// Other tables.
+#[derive(clap::Subcommand)]
+pub enum Part {
+    /// What developing a bracket of ten 12.7-megapixel JPEG frames costs: decoding, merging, writing, memory.
+    Merge(MergeArgs),
+}
+
+/// Arguments of `rigd bench merge`.
+#[derive(clap::Args)]
+pub struct MergeArgs {
+    /// Directory for the frames, exposures.toml and the EXR files (400 MB); made if missing.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// How often each thing is measured.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+}
+
+fn run_merge(args: &MergeArgs) -> anyhow::Result<()> {
+    make(&args.out)?;
+    print_line(merging::heading(FULL_SIZE))?;
+    let told = &mut |finding: &merging::Finding| print_line(merging::line(finding));
+    Ok(merging::run(FULL_SIZE, usize::from(args.repeats), &args.out, told)?)
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    if let Some(Part::Merge(args)) = &args.part {
+        return run_merge(args);
+    }
     // Found out before the work, not after it.
     args.out.as_deref().map(make).transpose()?;
     let repeats = usize::from(args.repeats);

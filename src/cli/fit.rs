@@ -41,10 +41,10 @@ pub struct Args {
     #[arg(long, default_value = "noise-cauchy")]
     pub objective: String,
     /// Lights kept out of the fit and used to judge it, numbered from 0: 3,5.
-    #[arg(long, value_delimiter = ',')]
+    #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     pub leave_out: Vec<usize>,
     /// Least cosine of incidence and reflection of a used sample; default: the dataset's.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub cosine_cutoff: Option<f64>,
     /// Worker threads; default: all cores. The result is the same to the bit.
     #[arg(long)]

@@ -22,6 +22,11 @@ pub enum DecodeError {
         /// The first bytes, at most 8.
         start: Vec<u8>,
     },
+    /// A raw file.
+    #[error(
+        "a Canon raw file: raw files are not read; set the camera to JPEG, or convert it to PNG with a known curve"
+    )]
+    Raw,
     /// Larger than any camera's picture.
     #[error("{width}x{height} pixels are more than the {MAX_PIXELS} accepted: give a smaller picture")]
     TooLarge {
@@ -58,6 +63,7 @@ impl Format {
             [0xff, 0xd8, 0xff, ..] => Ok(Self::Jpeg),
             [0x89, b'P', b'N', b'G', ..] => Ok(Self::Png),
             [b'B', b'M', ..] => Ok(Self::Bmp),
+            [b'I', b'I', 0x2a, 0, _, _, _, _, b'C', b'R', ..] => Err(DecodeError::Raw),
             _ => Err(DecodeError::UnknownFormat { start: bytes.iter().take(8).copied().collect() }),
         }
     }
@@ -74,13 +80,23 @@ impl Format {
 /// Decodes a JPEG, PNG or BMP file to 8-bit RGB as stored: an EXIF orientation is not applied, because the rig's geometry
 /// is the sensor's.
 pub fn decode(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+    let mut picture = Image::filled(0, 0, [0; 3]);
+    decode_into(bytes, &mut picture)?;
+    Ok(picture)
+}
+
+/// As [`decode`], into the memory of another picture: taking a frame's memory anew costs a third of decoding it. After an error
+/// the picture has no pixels.
+pub fn decode_into(bytes: &[u8], picture: &mut Image<[u8; 3]>) -> Result<(), DecodeError> {
     let format = Format::of(bytes)?;
+    let pixels = std::mem::take(&mut picture.pixels);
     let decoded = contained(|| match format {
-        Format::Jpeg => decode_jpeg(bytes),
+        Format::Jpeg => decode_jpeg(bytes, pixels),
         Format::Png => decode_lossless(bytes, format, image::ImageFormat::Png),
         Format::Bmp => decode_lossless(bytes, format, image::ImageFormat::Bmp),
     });
-    decoded.unwrap_or_else(|| Err(damaged(format, "the decoder gave up")))
+    *picture = decoded.unwrap_or_else(|| Err(damaged(format, "the decoder gave up")))?;
+    Ok(())
 }
 
 fn damaged(format: Format, reason: impl ToString) -> DecodeError {
@@ -94,7 +110,7 @@ fn check_size(width: usize, height: usize) -> Result<(), DecodeError> {
     Ok(())
 }
 
-fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
+fn decode_jpeg(bytes: &[u8], mut pixels: Vec<[u8; 3]>) -> Result<Image<[u8; 3]>, DecodeError> {
     let broken = |reason: zune_jpeg::errors::DecodeErrors| damaged(Format::Jpeg, reason);
     if !has_end(bytes) {
         return Err(damaged(Format::Jpeg, "it has no end marker"));
@@ -109,14 +125,21 @@ fn decode_jpeg(bytes: &[u8]) -> Result<Image<[u8; 3]>, DecodeError> {
     decoder.decode_headers().map_err(broken)?;
     let (width, height) = decoder.dimensions().ok_or_else(|| damaged(Format::Jpeg, "it has no size"))?;
     check_size(width, height)?;
-    rgb(Format::Jpeg, width, height, &decoder.decode().map_err(broken)?)
+    if pixels.len() != width * height {
+        pixels = vec![[0; 3]; width * height];
+    }
+    if pixels.is_empty() || decoder.output_buffer_size() != Some(pixels.as_flattened().len()) {
+        return Err(damaged(Format::Jpeg, "it has fewer samples than its size says"));
+    }
+    decoder.decode_into(pixels.as_flattened_mut()).map_err(broken)?;
+    Ok(Image { width, height, pixels })
 }
 
 /// True when an end marker follows the last start of a scan. Inside a scan neither occurs, and the scan and end of a thumbnail
 /// lie before the picture's own; the decoder itself takes a file that lacks its last rows' bits.
 fn has_end(bytes: &[u8]) -> bool {
-    let last = |marker: u8| bytes.windows(2).rposition(|pair| pair == [0xff, marker]);
-    last(0xd9) > last(0xda)
+    let mut from_the_end = bytes.windows(2).rev();
+    from_the_end.find(|pair| matches!(pair, [0xff, 0xd9 | 0xda])).is_some_and(|pair| pair[1] == 0xd9)
 }
 
 fn decode_lossless(bytes: &[u8], format: Format, kind: image::ImageFormat) -> Result<Image<[u8; 3]>, DecodeError> {
@@ -155,13 +178,18 @@ impl FrameInfo {
         contained(|| read_exif(bytes)).flatten().unwrap_or_default()
     }
 
-    /// The time the shutter of a third-stop body really opens, 2^(k/3) s: a label of 15 opens for 16 s. None without a time
-    /// or for a label that is no third of a stop.
+    /// The time the shutter of a third-stop body aims at ([`power_of_two_s`]); none without a time.
     pub fn true_time_s(&self) -> Option<f64> {
-        let thirds = 3.0 * self.exposure_time_s?.log2();
-        // Labels are up to 0.28 thirds off (15, 1/60); half-stop labels are 0.5 off.
-        ((thirds - thirds.round()).abs() < 0.35).then(|| (thirds.round() / 3.0).exp2())
+        self.exposure_time_s.and_then(power_of_two_s)
     }
+}
+
+/// The time that the shutter of a third-stop body aims at, 2^(k/3) s, for the `label` on its dial, seconds: a label of 15 opens
+/// for 16 s. None for a label that is no third of a stop.
+pub fn power_of_two_s(label: f64) -> Option<f64> {
+    let thirds = 3.0 * label.log2();
+    // Labels are up to 0.28 thirds off (15, 1/60); half-stop labels are 0.5 off.
+    ((thirds - thirds.round()).abs() < 0.35).then(|| (thirds.round() / 3.0).exp2())
 }
 
 fn read_exif(bytes: &[u8]) -> Option<FrameInfo> {
@@ -295,6 +323,7 @@ mod tests {
         huge[18..22].copy_from_slice(&15_000_i32.to_le_bytes());
         huge[22..26].copy_from_slice(&15_000_i32.to_le_bytes());
         assert_eq!(decode(&huge), Err(DecodeError::TooLarge { width: 15_000, height: 15_000 }));
+        assert_eq!(decode(b"II\x2a\x00\x10\x00\x00\x00CR\x02\x00"), Err(DecodeError::Raw));
         for foreign in [&b""[..], b"GIF89a....", b"hello"] {
             assert!(matches!(decode(foreign), Err(DecodeError::UnknownFormat { .. })));
         }

@@ -1,11 +1,13 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
-use super::decode::{Format, decode};
+use super::decode::{Format, decode_into};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure};
 use crate::numerics::radiometry::merge::merge;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::{Response, recover};
+use crate::numerics::radiometry::times::{MeasuredTime, MeasuredTimes};
+use rayon::prelude::*;
 
 /// A frame of a bracket.
 #[derive(Clone, Copy, Debug)]
@@ -14,7 +16,7 @@ pub struct BracketFrame<'a> {
     pub name: &'a str,
     /// The file as the camera wrote it.
     pub bytes: &'a [u8],
-    /// The time the shutter really was open, seconds.
+    /// The time the shutter is expected to have been open, seconds.
     pub time_s: f64,
 }
 
@@ -36,8 +38,23 @@ pub struct Crop {
 pub struct Developed {
     /// Radiance, variance and validity of the crop.
     pub image: RadianceImage,
-    /// The response used.
+    /// What was used, for the brackets that follow.
+    pub known: Known,
+    /// Names of the frames, shortest first, with the times measured on them; no standard error where they tell nothing.
+    pub times: Vec<(String, MeasuredTime)>,
+}
+
+/// What one bracket tells about the next ones of the same exposures.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// The response.
     pub response: Response,
+    /// Relative standard error of the exponent that it and the times have in common.
+    pub exponent_sigma: f64,
+    /// Measured times, seconds, shortest first.
+    pub times_s: Vec<f64>,
+    /// The exposure that keeps its time: one reference for all lights.
+    pub reference: usize,
 }
 
 /// Why a bracket cannot be developed.
@@ -62,41 +79,78 @@ impl From<BracketError> for DevelopError {
     }
 }
 
-/// Develops one bracket; `crop` is in full-frame pixels; `response` is recovered from this bracket when none is given.
+/// Develops one bracket; `crop` is in full-frame pixels. Response and times are measured on this bracket when nothing is `known`;
+/// otherwise the response is taken over and the times are measured through it, held to the reference and, where a frame tells
+/// little, to the known ones.
 pub fn develop(
     frames: &[BracketFrame<'_>],
     crop: Option<Crop>,
-    response: Option<&Response>,
+    known: Option<&Known>,
     noise: &SensorNoise,
 ) -> Result<Developed, DevelopError> {
     let bracket = read_bracket(frames, crop)?;
-    let response = match response {
-        Some(response) => {
+    let (expected, measured) = match known {
+        Some(Known { response, exponent_sigma, times_s, reference }) => {
             bracket.check_times()?;
-            response.clone()
+            let curve = (response, *exponent_sigma);
+            (times_s.clone(), MeasuredTimes::with_response(&bracket, times_s, curve, Some(*reference)))
         }
+        None => (bracket.times_s(), MeasuredTimes::without_response(&bracket, &bracket.times_s())),
+    };
+    let measured = match measured {
+        // Frames that share too few pixels, as of a lamp behind the object, keep the times they were expected to have.
+        Err(BracketError::TooFewOverlap { .. }) => MeasuredTimes::as_expected(&expected),
+        other => other?,
+    };
+    let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
+    let bracket = bracket.with_times(&measured.seconds())?;
+    let response = match known {
+        Some(known) => known.response.clone(),
         None => recover(&bracket)?.response,
     };
-    Ok(Developed { image: merge(&bracket, &response, noise), response })
+    Ok(Developed {
+        image: merge(&bracket, &response, noise),
+        times: names.into_iter().zip(measured.frames.iter().copied()).collect(),
+        known: Known {
+            response,
+            exponent_sigma: measured.exponent_sigma,
+            times_s: measured.seconds(),
+            reference: measured.reference,
+        },
+    })
 }
 
-/// Decodes the frames, one full frame in memory at a time, and keeps the crop of each.
+/// Full frames in memory at a time.
+const DECODED_AT_A_TIME: usize = 2;
+
+/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each.
 pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
-    let mut level_variance = LOSSLESS_VARIANCE;
+    let lossy = frames.iter().any(|frame| Format::of(frame.bytes) == Ok(Format::Jpeg));
+    let mut memory: [Image<[u8; 3]>; DECODED_AT_A_TIME] = std::array::from_fn(|_| Image::filled(0, 0, [0; 3]));
     let mut exposures = Vec::with_capacity(frames.len());
-    for frame in frames {
-        let unusable = |reason: String| DevelopError::Frame { name: frame.name.to_owned(), reason };
-        let picture = decode(frame.bytes).map_err(|e| unusable(e.to_string()))?;
-        if Format::of(frame.bytes) == Ok(Format::Jpeg) {
-            level_variance = JPEG_VARIANCE;
+    for some in frames.chunks(DECODED_AT_A_TIME) {
+        let read: Vec<_> =
+            some.par_iter().zip(&mut memory).map(|(frame, picture)| read_frame(frame, crop, picture)).collect();
+        for exposure in read {
+            exposures.push(exposure?);
         }
-        let levels = match crop {
-            Some(crop) => cut(&picture, crop).map_err(unusable)?,
-            None => picture,
-        };
-        exposures.push(Exposure { name: frame.name.to_owned(), levels, time_s: frame.time_s });
     }
-    Ok(Bracket::new(exposures, level_variance)?)
+    Ok(Bracket::new(exposures, if lossy { JPEG_VARIANCE } else { LOSSLESS_VARIANCE })?)
+}
+
+/// Decodes a frame into `picture`, which is there for the next one unless all of it is kept.
+fn read_frame(
+    frame: &BracketFrame<'_>,
+    crop: Option<Crop>,
+    picture: &mut Image<[u8; 3]>,
+) -> Result<Exposure, DevelopError> {
+    let unusable = |reason: String| DevelopError::Frame { name: frame.name.to_owned(), reason };
+    decode_into(frame.bytes, picture).map_err(|e| unusable(e.to_string()))?;
+    let levels = match crop {
+        Some(crop) => cut(picture, crop).map_err(unusable)?,
+        None => std::mem::replace(picture, Image::filled(0, 0, [0; 3])),
+    };
+    Ok(Exposure { name: frame.name.to_owned(), levels, time_s: frame.time_s })
 }
 
 /// Variance of rounding to a whole level, levels squared.

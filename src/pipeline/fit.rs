@@ -153,7 +153,11 @@ fn run(
         cosine_cutoff: chosen.cutoff,
         unusable_samples: observations.unusable,
         candidates: judged.candidates.iter().map(CandidateReport::from).collect(),
-        warnings: inputs::dark_lights(&all).into_iter().chain(judged.warnings.iter().cloned()).collect(),
+        warnings: inputs::dark_lights(&all)
+            .into_iter()
+            .chain(inputs::left_out_twins(&all, &options.leave_out))
+            .chain(judged.warnings.iter().cloned())
+            .collect(),
         notes: judged.solution.notes.clone(),
     };
     let material = MaterialFile {
@@ -193,7 +197,7 @@ fn no_samples(dataset: &Dataset, chosen: &Chosen, all: &Observations) -> String 
     let cutoff = chosen.cutoff;
     if all.samples() == 0 && all.unusable > 0 {
         return format!(
-            "no valid samples: all {} lit points of the object are clipped, black or masked; check the exposures and [samples] saturation",
+            "no valid samples: all {} lit points of the object are clipped, black in a channel, masked, or out of range (radiance and irradiance from 1e-15 to 1e15, within a factor of 1e12); check the exposures, [samples] saturation and the strength of the lights",
             all.unusable
         );
     }

@@ -16,7 +16,7 @@ const WEAK_ERROR: f64 = 0.25;
 const PRESENT: f64 = 0.05;
 
 /// Samples near the half vector below which a lobe is narrower than the points lie apart.
-const LEAST_NEAR: usize = 30;
+const LEAST_NEAR: usize = 60;
 
 /// Reduced chi^2 above which the model does not describe the data: standard errors no longer hold.
 pub const MISFIT: f64 = 2.0;

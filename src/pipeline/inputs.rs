@@ -4,14 +4,9 @@ use super::fit::FitError;
 use crate::numerics::brdf::lambert::Lambert;
 use crate::numerics::fit::observations::{MAX_LIGHTS, Observations, Sample};
 use crate::numerics::fit::selection::{Wishes, carried};
+use crate::numerics::fit::twins::twins;
 use crate::numerics::fit::unknowns::Colour;
 use rayon::prelude::*;
-
-/// Points at which lights are compared.
-const COMPARED: usize = 50;
-
-/// Angles of two lights that agree to this cosine or squared tangent, at every point, are those of one place.
-const SAME: f64 = 1e-6;
 
 /// Refuses observations without samples, and the first sample that no fit can use.
 ///
@@ -22,15 +17,12 @@ pub fn check(observations: &Observations) -> Result<(), FitError> {
     if observations.samples() == 0 {
         return Err(FitError::Input("there is no sample to fit: add lit points".to_owned()));
     }
-    let unusable = |point: usize| {
-        let sample = observations.of(point).find(|s| !s.usable() || s.light >= observations.lights)?;
-        Some((point, sample))
-    };
-    let Some((point, sample)) = (0..observations.points()).into_par_iter().find_map_first(unusable) else {
+    let faulty = |point: usize| observations.of(point).find_map(|s| Some((point, s, fault(&s, observations.lights)?)));
+    let Some((point, sample, fault)) = (0..observations.points()).into_par_iter().find_map_first(faulty) else {
         return Ok(());
     };
     Err(FitError::Input(format!(
-        "pixel {} under light {}: no fit can use radiance {:?}, variance {:?}, irradiance {:?}, cosines {} and {} (light {} of {}): radiance and irradiance must be from 1e-15 to 1e15 and within 1e12 of each other, variances finite, cosines positive; leave the sample out or change its unit",
+        "pixel {} under light {}: {fault}; it has radiance {:?}, variance {:?}, irradiance {:?}, cosines {} and {}: leave the sample out or change its unit",
         observations.pixel[point],
         sample.light,
         sample.radiance,
@@ -38,9 +30,12 @@ pub fn check(observations: &Observations) -> Result<(), FitError> {
         sample.irradiance,
         sample.angles.cos_i,
         sample.angles.cos_r,
-        sample.light + 1,
-        observations.lights
     )))
+}
+
+/// What is wrong with a sample under one of so many lights, if anything is.
+fn fault(sample: &Sample, lights: usize) -> Option<&'static str> {
+    sample.fault().or((sample.light >= lights).then_some("there is no such light"))
 }
 
 /// `wishes` without what `observations` cannot carry, and what was taken off.
@@ -105,9 +100,7 @@ pub fn lights(observations: &Observations) -> Vec<String> {
     let twins = twins(observations);
     if !twins.is_empty() {
         let lights = twins.iter().map(|(a, b)| format!("{a} and {b}")).collect::<Vec<String>>().join(", ");
-        warnings.push(format!(
-            "lights {lights} stand in the same place: leaving one of them out proves nothing, and they count as one"
-        ));
+        warnings.push(format!("lights {lights} stand in the same place: they are left out together and count as one"));
     }
     // Each light that repeats an earlier one stands once in the list.
     if observations.lights_in_use().len().saturating_sub(twins.len()) < 3 {
@@ -116,25 +109,14 @@ pub fn lights(observations: &Observations) -> Vec<String> {
     warnings
 }
 
-/// Pairs of lights with the same angles at all of some points that both light; of three in one place, each with the first.
-fn twins(observations: &Observations) -> Vec<(usize, usize)> {
-    let points: Vec<Vec<Sample>> = {
-        let some = observations.subset(COMPARED);
-        (0..some.points()).map(|point| some.of(point).collect()).collect()
-    };
-    let same = |a: usize, b: usize| {
-        let mut shared = points.iter().filter_map(|samples| {
-            let of = |light| samples.iter().find(|s: &&Sample| s.light == light);
-            Some((of(a)?.angles, of(b)?.angles))
-        });
-        let close = |x: f64, y: f64| (x - y).abs() <= SAME * x.abs().max(1.0);
-        let mut any = false;
-        let all = shared.all(|(x, y)| {
-            any = true;
-            close(x.cos_i, y.cos_i) && close(x.tan2_half, y.tan2_half) && close(x.cos_iv, y.cos_iv)
-        });
-        any && all
-    };
-    let twin_of = |b: usize| (0..b).find(|&a| same(a, b)).map(|a| (a, b));
-    (0..observations.lights).filter_map(twin_of).collect()
+/// What a reader must know of left-out lights that stand where a fitted one does; `all` are the observations with them.
+pub fn left_out_twins(all: &Observations, left_out: &[usize]) -> Option<String> {
+    let seen = |(a, b): &(usize, usize)| left_out.contains(a) != left_out.contains(b);
+    let pairs: Vec<String> = twins(all).iter().filter(|pair| seen(pair)).map(|(a, b)| format!("{a} and {b}")).collect();
+    (!pairs.is_empty()).then(|| {
+        format!(
+            "of lights {} one is left out and one fitted in the same place: its error proves nothing; leave out both",
+            pairs.join(", ")
+        )
+    })
 }

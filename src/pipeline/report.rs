@@ -208,8 +208,7 @@ impl MaterialFile {
 
 /// Part of the object each material makes up.
 pub(crate) fn shares(mixture: &Mixture) -> Vec<f64> {
-    let share: Vec<f64> =
-        (0..mixture.materials.len()).map(|m| crate::numerics::fit::gauge::share_of(mixture, m)).collect();
+    let share: Vec<f64> = crate::numerics::fit::gauge::shares(mixture);
     let total: f64 = share.iter().sum();
     share.iter().map(|s| if total > 0.0 { s / total } else { 0.0 }).collect()
 }

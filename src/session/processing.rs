@@ -5,12 +5,11 @@ use super::handle::FitRequest;
 use super::ledger::FrameRecord;
 use super::plan::LEAST_EXPOSURES;
 use crate::numerics::radiometry::noise::SensorNoise;
-use crate::numerics::radiometry::response::Response;
-use crate::pipeline::develop::{BracketFrame, develop};
+use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
 use crate::store;
 use rig_config::Rig;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -42,8 +41,9 @@ pub struct FitJob {
 pub trait Processing: Send {
     /// Exposures a bracket needs at least to be developed: a plan with fewer is refused before anything moves.
     fn least_exposures(&self) -> usize;
-    /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations.
-    fn develop(&mut self, bracket: &Bracket) -> Result<(), String>;
+    /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations. Returns the times of
+    /// its exposures, for the journal.
+    fn develop(&mut self, bracket: &Bracket) -> Result<Value, String>;
     /// Fits and writes `result/`; returns the report.
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String>;
 }
@@ -51,14 +51,14 @@ pub trait Processing: Send {
 /// The real pipeline on the rig's geometry.
 pub struct PipelineProcessing {
     rig: Rig,
-    /// Recovered from the first bracket of a session and used for all of it.
-    response: Option<(String, Response)>,
+    /// Response and reference exposure of the first bracket of a session, used for all of it, and its times.
+    known: Option<(String, Known)>,
 }
 
 impl PipelineProcessing {
     /// For sessions of this rig.
     pub fn new(rig: &Rig) -> Self {
-        Self { rig: rig.clone(), response: None }
+        Self { rig: rig.clone(), known: None }
     }
 
     fn options(&self, request: &FitRequest) -> FitOptions {
@@ -82,7 +82,7 @@ impl Processing for PipelineProcessing {
         LEAST_EXPOSURES
     }
 
-    fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
+    fn develop(&mut self, bracket: &Bracket) -> Result<Value, String> {
         let files = read_frames(bracket)?;
         let frames: Vec<_> = bracket
             .frames
@@ -90,16 +90,17 @@ impl Processing for PipelineProcessing {
             .zip(&files)
             .map(|(frame, bytes)| BracketFrame { name: &frame.file, bytes, time_s: frame.true_s })
             .collect();
-        let known = self.response.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
+        let known = self.known.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
         let camera = &self.rig.camera;
         let noise = SensorNoise { full_well_e: camera.full_well_e, read_noise_e: camera.read_noise_e };
         let part = crop::of_object(&self.rig);
-        let developed =
-            develop(&frames, part, known.map(|(_, response)| response), &noise).map_err(|e| e.to_string())?;
+        let developed = develop(&frames, part, known.map(|(_, known)| known), &noise).map_err(|e| e.to_string())?;
+        let times = times_of(bracket, &developed);
         let origin = part.map_or((0, 0), |part| (part.x, part.y));
         let attributes = [
             ("rigd.session", bracket.session.clone()),
             ("rigd.station", bracket.station.to_string()),
+            ("rigd.exposures", times.to_string()),
             ("rigd.software", super::SOFTWARE.to_owned()),
         ];
         let name = format!("{:02}.exr", bracket.station);
@@ -112,8 +113,10 @@ impl Processing for PipelineProcessing {
             e.to_string()
         })?;
         std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
-        self.response = Some((bracket.session.clone(), developed.response));
-        Ok(())
+        if known.is_none() {
+            self.known = Some((bracket.session.clone(), developed.known));
+        }
+        Ok(times)
     }
 
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
@@ -138,6 +141,22 @@ impl Processing for PipelineProcessing {
         std::fs::rename(&unfinished, &finished).map_err(|e| format!("cannot name {}: {e}", finished.display()))?;
         read_json(&finished.join("report.json"))
     }
+}
+
+/// Nominal, power-of-two and measured time of every exposure, shortest first.
+fn times_of(bracket: &Bracket, developed: &Developed) -> Value {
+    let times = developed.times.iter().enumerate().filter_map(|(i, (name, time))| {
+        let frame = bracket.frames.iter().find(|frame| frame.file == *name)?;
+        Some(json!({
+            "frame": name,
+            "nominal": frame.shutter,
+            "power_of_two_s": frame.true_s,
+            "estimated_s": time.time_s,
+            "sigma_relative": time.sigma,
+            "reference": i == developed.known.reference,
+        }))
+    });
+    times.collect()
 }
 
 fn read_frames(bracket: &Bracket) -> Result<Vec<Vec<u8>>, String> {

@@ -107,8 +107,9 @@ impl Worker {
             .ok_or_else(|| format!("the bracket of station {station} is not complete"))?;
         let start = Instant::now();
         let processing = &mut self.processing;
-        guarded(|| processing.develop(&bracket)).map_err(|e| format!("station {station} cannot be developed: {e}"))?;
-        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64()});
+        let exposures = guarded(|| processing.develop(&bracket))
+            .map_err(|e| format!("station {station} cannot be developed: {e}"))?;
+        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64(), "exposures": exposures});
         self.book.record(session, "station.developed", fields).map_err(|e| e.to_string())
     }
 

@@ -1,6 +1,10 @@
 //! OpenEXR in and out: the only module that knows the `exr` crate. Files are uncompressed 32-bit float: noise fills the
 //! mantissas, and compression costs far more time than it saves space.
 
+mod rows;
+
+pub use rows::{Place, write_radiance, write_strips};
+
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::contain::contained;
 use exr::meta::MetaData;
@@ -144,33 +148,6 @@ fn place(
 const COLOURS: [&str; 3] = ["R", "G", "B"];
 const VARIANCES: [&str; 3] = ["variance.R", "variance.G", "variance.B"];
 const VALID: &str = "valid";
-
-/// Writes radiance (R G B), its variance (variance.R ...) and validity (valid: 1 or 0) as uncompressed f32 with `origin`
-/// (x, y) of the crop inside a `full` (width, height) frame as the data window; `attributes` say what the pixels are.
-pub fn write_radiance(
-    path: &Path,
-    image: &RadianceImage,
-    origin: (usize, usize),
-    full: (usize, usize),
-    attributes: &[(&str, String)],
-) -> Result<(), ExrError> {
-    let mut channels = Vec::new();
-    split(&mut channels, COLOURS, &image.radiance);
-    if let Some(variance) = &image.variance {
-        split(&mut channels, VARIANCES, variance);
-    }
-    let valid = image.valid.pixels.iter().map(|&valid| f32::from(u8::from(valid))).collect();
-    channels.push((VALID.to_owned(), valid));
-    let about: Vec<String> = attributes.iter().map(|(key, value)| format!("{key}: {value}")).collect();
-    let planes = Planes { origin, full, size: (image.radiance.width, image.radiance.height), channels };
-    write_planes(path, planes, &about.join("\n"))
-}
-
-fn split(channels: &mut Vec<(String, Vec<f32>)>, names: [&str; 3], image: &Image<[f32; 3]>) {
-    for (c, name) in names.into_iter().enumerate() {
-        channels.push((name.to_owned(), image.pixels.iter().map(|pixel| pixel[c]).collect()));
-    }
-}
 
 /// Reads a radiance image as a full frame: R G B, or one channel Y for grey, with variance and validity where the file has
 /// them. Pixels outside the data window are invalid. NaN, infinite or negative radiance in a valid pixel is refused.

@@ -7,6 +7,7 @@ pub mod clock;
 mod csv;
 pub mod forward;
 pub mod lights;
+pub mod merge;
 pub mod method;
 pub mod scene;
 pub mod score;

@@ -375,7 +375,7 @@ impl Processing for FakeProcessing {
         1
     }
 
-    fn develop(&mut self, bracket: &Bracket) -> Result<(), String> {
+    fn develop(&mut self, bracket: &Bracket) -> Result<Value, String> {
         if let Some(reason) = self.0.step_script.lock().unwrap()(&format!("develop {}", bracket.station)) {
             return Err(reason);
         }
@@ -384,7 +384,7 @@ impl Processing for FakeProcessing {
             assert_eq!(blake3::hash(&bytes).to_hex().as_str(), frame.blake3);
         }
         self.0.world().developed.push((bracket.station, bracket.frames.len()));
-        Ok(())
+        Ok(Value::Null)
     }
 
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {

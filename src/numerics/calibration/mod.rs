@@ -1,2 +1,3 @@
-//! What a rig is made of, measured from photographs (paper 3.2).
+//! What photographs of known objects say of the rig.
+pub mod camera;
 pub mod lights;

@@ -4,12 +4,13 @@ use super::kernel::{self, Groups, Sign};
 use super::observations::{HIGHLIGHT_HALF_ANGLE, Observations, Row, Sample};
 use super::predict;
 use super::prepared::{Prepared, Recipe};
+use super::twins::twins;
 use crate::numerics::brdf::Material;
 
 /// Most groups of lights left out in turn: with many lights, one group holds every so-manieth.
 const GROUPS: usize = 7;
 
-/// Fewer lights than this are not split.
+/// Lights in fewer places than this are not split.
 const LIGHTS: usize = 4;
 
 /// A point needs this many samples under the other lights to be predicted.
@@ -37,12 +38,12 @@ pub struct LeftOut {
 }
 
 impl Folds {
-    /// Splits `observations`; not at all where fewer than four lights are in use, because what is left tells too little.
+    /// Splits `observations`; not at all where lights in use stand in fewer than four places, because what is left tells too little.
     pub fn new(observations: &Observations) -> Self {
-        if observations.lights_in_use().len() < LIGHTS {
+        let (group_of, groups) = groups(observations);
+        if groups < LIGHTS {
             return Self { folds: Vec::new() };
         }
-        let (group_of, groups) = groups(observations);
         let fold = |group: usize| {
             let (rest, kept) = observations.filtered(LEAST, |light| group_of[light] != group);
             let of = |(index, &point): (usize, &usize)| {
@@ -64,13 +65,24 @@ impl Folds {
     }
 }
 
-/// Per light, the group it is left out with, and the number of groups: as many as lights in use, or [`GROUPS`].
+/// Per light, the group it is left out with, and the number of groups: as many as places of lights in use, or [`GROUPS`].
+/// Lights in one place are left out together, or the fit would see what it is tested on.
 fn groups(observations: &Observations) -> (Vec<usize>, usize) {
+    let twins = twins(observations);
+    let first = |light: usize| twins.iter().find(|(_, again)| *again == light).map(|(first, _)| *first);
     let used = observations.lights_in_use();
-    let count = used.len().min(GROUPS);
+    let places = used.iter().filter(|&&light| first(light).is_none()).count();
+    let count = places.min(GROUPS);
     let mut group_of = vec![0; observations.lights];
-    for (rank, light) in used.into_iter().enumerate() {
-        group_of[light] = rank % count;
+    let mut rank = 0;
+    for light in used {
+        group_of[light] = match first(light) {
+            Some(first) => group_of[first],
+            None => {
+                rank += 1;
+                (rank - 1) % count
+            }
+        };
     }
     (group_of, count)
 }

@@ -2,7 +2,7 @@
 //! Cauchy's function grows slower than its tangent parabola, so lowering that parabola lowers the cost (iteratively
 //! reweighted least squares; Holland & Welsch 1977).
 
-use super::kernel::REWEIGHTINGS;
+use super::kernel::{REWEIGHTINGS, SETTLED};
 use super::objective::Objective;
 use super::observations::{Observations, Sample};
 use super::weights::{PointQuadratic, WeightRule};
@@ -78,7 +78,12 @@ impl<'a> Loss<'a> {
             for _ in 0..REWEIGHTINGS {
                 let scaled = samples.iter().map(|sample| self.scaled(materials, &gamma, sample));
                 let quadratic = PointQuadratic::new(self.lobe, materials, Objective::ABSOLUTE, scaled);
+                let before = gamma;
                 gamma = quadratic.minimise(WeightRule::Exact);
+                let sum: f64 = gamma.iter().sum();
+                if gamma.iter().zip(before).all(|(now, before)| (now - before).abs() <= SETTLED * sum) {
+                    break;
+                }
             }
         }
         gamma

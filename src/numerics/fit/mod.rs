@@ -26,6 +26,7 @@ pub mod sampling;
 pub mod selection;
 pub mod solver;
 pub mod split;
+pub mod twins;
 pub mod uncertainty;
 pub mod unknowns;
 pub mod varpro;

@@ -79,30 +79,37 @@ pub fn brightness(observations: &Observations) -> f64 {
 impl Prepared {
     /// All points of `observations`.
     pub fn new(observations: &Observations, recipe: &Recipe<'_>) -> Self {
-        Self::of_blocks(observations, recipe, 0..observations.blocks())
+        let mut prepared = Self::empty(recipe);
+        prepared.refill(observations, recipe, 0..observations.blocks());
+        prepared
     }
 
-    /// Some blocks of `observations`.
-    pub fn of_blocks(observations: &Observations, recipe: &Recipe<'_>, blocks: Range<usize>) -> Self {
+    /// No points yet.
+    pub fn empty(recipe: &Recipe<'_>) -> Self {
         let unit = if recipe.objective.measure == Measure::Absolute { recipe.brightness } else { 1.0 };
-        let points = observations.points().min(blocks.end * LANES) - blocks.start * LANES;
-        let begin = observations.rows_of(0..blocks.start).end;
-        let first: Vec<usize> =
-            (blocks.start..=blocks.end).map(|block| observations.rows_of(block..block).start - begin).collect();
-        let source = &observations.rows()[observations.rows_of(blocks.clone())];
-        let mut rows = vec![EMPTY; source.len()];
-        rows.par_chunks_mut(TASK).zip(source.par_chunks(TASK)).for_each(|(ready, source)| {
-            Level::best().run(Prepare { recipe, source, ready });
-        });
         Self {
             family: recipe.lobe.family(),
             cauchy: recipe.objective.cauchy_scale(1.0).map(|scale| scale as f32),
             unit2: unit * unit,
-            points,
-            first,
-            rows,
+            points: 0,
+            first: vec![0],
+            rows: Vec::new(),
             floors: Vec::new(),
         }
+    }
+
+    /// Some blocks of `observations` instead of what was there, in the same memory.
+    pub fn refill(&mut self, observations: &Observations, recipe: &Recipe<'_>, blocks: Range<usize>) {
+        self.points = observations.points().min(blocks.end * LANES) - blocks.start * LANES;
+        let begin = observations.rows_of(0..blocks.start).end;
+        self.first.clear();
+        self.first.extend((blocks.start..=blocks.end).map(|block| observations.rows_of(block..block).start - begin));
+        let source = &observations.rows()[observations.rows_of(blocks)];
+        self.rows.resize(source.len(), EMPTY);
+        self.rows.par_chunks_mut(TASK).zip(source.par_chunks(TASK)).for_each(|(ready, source)| {
+            Level::best().run(Prepare { recipe, source, ready });
+        });
+        self.floors.clear();
     }
 
     /// Lets weights fall to `SLACK` of their standard deviations below zero under `Sign::Slack`: `deviations` are those

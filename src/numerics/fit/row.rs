@@ -26,24 +26,35 @@ const USABLE: [f64; 2] = [1e-15, 1e15];
 const GREATEST_RATIO: f64 = 1e12;
 
 impl Sample {
-    /// True when a fit can use it: positive and finite, and none so large or small that f32 cannot square it.
-    pub fn usable(&self) -> bool {
-        let within = |value: f64| (USABLE[0]..=USABLE[1]).contains(&value);
+    /// Why a fit cannot use it, if so: it must be positive and finite, and nothing so large or small that f32 cannot square it.
+    pub fn fault(&self) -> Option<&'static str> {
+        let within = |value: &f64| (USABLE[0]..=USABLE[1]).contains(value);
         let ratio = |c: usize| self.radiance[c] / self.irradiance[c];
-        let channel = |c: usize| {
-            let variance = self.variance[c];
-            within(self.radiance[c])
-                && within(self.irradiance[c])
-                && (1.0 / GREATEST_RATIO..=GREATEST_RATIO).contains(&ratio(c))
-                && (0.0..=USABLE[1] * USABLE[1]).contains(&variance)
-        };
         let angles = &self.angles;
         let cosine = |value: f64| value > 0.0 && value <= 1.0 + 1e-6;
-        (0..3).all(channel)
-            && cosine(angles.cos_i)
-            && cosine(angles.cos_r)
-            && (0.0..f64::INFINITY).contains(&angles.tan2_half)
-            && angles.cos_iv.is_finite()
+        let checks = [
+            (self.radiance.iter().all(within), "its radiance must be from 1e-15 to 1e15 in every channel"),
+            (self.irradiance.iter().all(within), "its irradiance must be from 1e-15 to 1e15 in every channel"),
+            (
+                (0..3).all(|c| (1.0 / GREATEST_RATIO..=GREATEST_RATIO).contains(&ratio(c))),
+                "its radiance and irradiance must be within a factor of 1e12",
+            ),
+            (
+                self.variance.iter().all(|variance| (0.0..=USABLE[1] * USABLE[1]).contains(variance)),
+                "its variance must be from 0 to 1e30 in every channel",
+            ),
+            (cosine(angles.cos_i) && cosine(angles.cos_r), "its cosines must be above 0 and at most 1"),
+            (
+                (0.0..f64::INFINITY).contains(&angles.tan2_half) && angles.cos_iv.is_finite(),
+                "the angles between light, normal and view must be finite",
+            ),
+        ];
+        checks.into_iter().find(|(holds, _)| !holds).map(|(_, rule)| rule)
+    }
+
+    /// True when a fit can use it.
+    pub fn usable(&self) -> bool {
+        self.fault().is_none()
     }
 }
 

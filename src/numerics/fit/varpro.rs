@@ -15,7 +15,7 @@ use super::prepared::{Prepared, Recipe, brightness};
 use super::sampling::stratified;
 use super::solver::{OnIteration, Refusal, Solution, Solver, Task, Termination};
 use super::unknowns::{Colour, Unknowns};
-use super::{CHUNK, Mixture, gauge};
+use super::{Mixture, gauge};
 use crate::numerics::brdf::Material;
 use crate::numerics::simd::LANES;
 use nalgebra::DVector;
@@ -33,7 +33,7 @@ pub(super) const COARSE: (usize, usize) = (384, 3000);
 /// When the first search, the second, and the last one stop.
 pub(super) const COARSE_STOP: Stop = Stop { relative_decrease: 1e-3, iterations: 40 };
 const MEDIUM_STOP: Stop = Stop { relative_decrease: 1e-5, iterations: 40 };
-const FINE_STOP: Stop = Stop { relative_decrease: 1e-8, iterations: 200 };
+const FINE_STOP: Stop = Stop { relative_decrease: 1e-7, iterations: 200 };
 
 /// Where a search over BRDF parameters ended.
 #[derive(Clone, Debug)]
@@ -269,16 +269,17 @@ pub fn finish(observations: &Observations, recipe: &Recipe<'_>, alpha: AlphaFit)
 /// Non-negative weights of every point, and the cost; samples are made ready a part at a time, so that millions of points
 /// need no second copy in memory.
 pub fn stream_weights(observations: &Observations, recipe: &Recipe<'_>, materials: &[Material]) -> (Vec<f64>, f64) {
-    const PART: usize = CHUNK / LANES;
     let count = materials.len();
     let mut gamma = vec![0.0; observations.points() * count];
-    let part = |(index, gamma): (usize, &mut [f64])| {
+    let part = |prepared: &mut Prepared, (index, gamma): (usize, &mut [f64])| {
         let begin = index * PART;
-        let prepared = Prepared::of_blocks(observations, recipe, begin..(begin + PART).min(observations.blocks()));
-        let (found, cost) = kernel::weights(&prepared, materials, Sign::NonNegative);
-        gamma.copy_from_slice(&found);
-        cost * prepared.unit2
+        prepared.refill(observations, recipe, begin..(begin + PART).min(observations.blocks()));
+        kernel::part_weights(prepared, materials, gamma) * prepared.unit2
     };
-    let costs: Vec<f64> = gamma.par_chunks_mut(CHUNK * count).enumerate().map(part).collect();
+    let costs: Vec<f64> =
+        gamma.par_chunks_mut(PART * LANES * count).enumerate().map_init(|| Prepared::empty(recipe), part).collect();
     (gamma, costs.iter().sum())
 }
+
+/// Blocks whose weights are found at a time: their rows stay in the cache.
+const PART: usize = 8;

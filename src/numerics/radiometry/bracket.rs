@@ -1,77 +1,8 @@
 //! A bracket of 8-bit frames, and the test whether its images contradict its times.
 
+use super::contradictions;
+pub use super::error::BracketError;
 use crate::numerics::image::Image;
-
-/// Why frames are no usable bracket. Every message names the frames and says what to do.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum BracketError {
-    /// Fewer frames than the step needs.
-    #[error("{found} frames in the bracket, at least {needed} are needed: shoot more exposures")]
-    TooFewFrames {
-        /// Frames given.
-        found: usize,
-        /// Frames needed.
-        needed: usize,
-    },
-    /// A time that no shutter has.
-    #[error("frame {name}: exposure time {time_s} s: give the time the shutter was open, a positive number of seconds")]
-    BadTime {
-        /// The frame.
-        name: String,
-        /// Its time, seconds.
-        time_s: f64,
-    },
-    /// Frames of different sizes.
-    #[error("frame {name} is {width}x{height}, {first} is {first_width}x{first_height}: a bracket has one size")]
-    SizeDiffers {
-        /// The frame.
-        name: String,
-        /// Its columns.
-        width: usize,
-        /// Its rows.
-        height: usize,
-        /// The frame it is compared with.
-        first: String,
-        /// Columns of that frame.
-        first_width: usize,
-        /// Rows of that frame.
-        first_height: usize,
-    },
-    /// Two frames with one time.
-    #[error("frames {a} and {b} have the same exposure time, {time_s} s: correct the times or leave one frame out")]
-    SameTime {
-        /// A frame.
-        a: String,
-        /// Another.
-        b: String,
-        /// Their time, seconds.
-        time_s: f64,
-    },
-    /// Longer exposures that are not brighter.
-    #[error("the images contradict the listed times: {}; correct the times or leave these frames out", list(.0))]
-    Contradicts(Vec<PairTest>),
-    /// Too little of the level range is seen to solve for a response.
-    #[error(
-        "{channel}: {pixels} pixels have usable levels in two frames, covering levels {lowest} to {highest}; \
-         {needed} pixels on both sides of level 128 are needed: shoot more or other exposures"
-    )]
-    NoCoverage {
-        /// Name of the channel.
-        channel: &'static str,
-        /// Pixels that are neither black nor clipped in at least two frames.
-        pixels: usize,
-        /// Lowest level covered.
-        lowest: u8,
-        /// Highest level covered.
-        highest: u8,
-        /// Pixels needed.
-        needed: usize,
-    },
-}
-
-fn list(pairs: &[PairTest]) -> String {
-    pairs.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
-}
 
 /// One frame of a bracket.
 #[derive(Clone, Debug)]
@@ -138,18 +69,46 @@ impl Bracket {
         self.level_variance
     }
 
+    /// The same frames with other times (seconds, in the order of the frames, one each).
+    pub fn with_times(mut self, times_s: &[f64]) -> Result<Self, BracketError> {
+        if times_s.len() != self.exposures.len() {
+            return Err(BracketError::TooFewFrames { found: self.exposures.len(), needed: times_s.len() });
+        }
+        self.exposures.iter_mut().zip(times_s).for_each(|(frame, &time_s)| frame.time_s = time_s);
+        Self::new(self.exposures, self.level_variance)
+    }
+
+    /// The times of the frames, seconds, shortest first.
+    pub fn times_s(&self) -> Vec<f64> {
+        self.exposures.iter().map(|frame| frame.time_s).collect()
+    }
+
+    /// Green level of the darkest thousandth of the longest exposure's pixels: in a dark enclosure it is black.
+    pub fn darkest_green(&self) -> u8 {
+        self.exposures.last().map_or(0, contradictions::darkest_green)
+    }
+
+    /// Refuses frames that are black or clipped all over, every one: nothing can be measured on them.
+    pub fn check_exposed(&self) -> Result<(), BracketError> {
+        contradictions::check_exposed(&self.exposures)
+    }
+
     /// Compares every exposure with the next clearly longer one, without any response: where the shorter frame's green is well
     /// exposed, the longer one must be brighter. Returns what each pair said; refuses the bracket, naming the frames, when images
-    /// and times contradict each other. On sound brackets at most 1.8 % of the pixels fail to get brighter, on false ones 10 %
-    /// and more.
+    /// and times contradict each other and when one picture stands under two times. On sound brackets at most 1.8 % of the pixels
+    /// fail to get brighter, on false ones 10 % and more.
     pub fn check_times(&self) -> Result<Vec<PairTest>, BracketError> {
+        contradictions::check_different(&self.exposures)?;
         let longer = |(i, shorter): (usize, &Exposure)| {
             let clearly = |frame: &&Exposure| frame.time_s >= PairTest::MIN_RATIO * shorter.time_s;
             self.exposures[i + 1..].iter().find(clearly).map(|longer| PairTest::new(shorter, longer))
         };
-        let pairs: Vec<PairTest> = self.exposures.iter().enumerate().filter_map(longer).collect();
-        let bad: Vec<PairTest> = pairs.iter().filter(|p| p.verdict == Verdict::Contradicts).cloned().collect();
-        if bad.is_empty() { Ok(pairs) } else { Err(BracketError::Contradicts(bad)) }
+        let all: Vec<PairTest> = self.exposures.iter().enumerate().filter_map(longer).collect();
+        let pairs: Vec<PairTest> = all.iter().filter(|p| p.verdict == Verdict::Contradicts).cloned().collect();
+        if pairs.is_empty() {
+            return Ok(all);
+        }
+        Err(BracketError::Contradicts { pairs, remedy: contradictions::remedy(&self.exposures) })
     }
 }
 

@@ -1,7 +1,20 @@
-//! Camera response (Debevec & Malik 1997), bracket merge with variance, sensor noise.
+//! Camera response (Debevec & Malik 1997, Robertson 2003), exposure ratios (Hanji & Mantiuk 2023), bracket merge with variance,
+//! dark frames, flat field, lamp drift, sensor noise.
+pub mod alignment;
 pub mod bracket;
+mod contradictions;
+mod curve_system;
+pub mod dark;
+pub mod drift;
+mod error;
+mod exposure_ratios;
+pub mod flat;
+mod gauge;
+mod groups;
+mod level_samples;
 pub mod merge;
 mod monotone;
 pub mod noise;
 pub mod response;
-mod sampling;
+pub mod robertson;
+pub mod times;

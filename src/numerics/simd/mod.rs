@@ -31,6 +31,8 @@ pub trait Vector:
     fn sqrt(self) -> Self;
     /// `if self > other { yes } else { no }`, lane by lane; false for NaN.
     fn if_greater(self, other: Self, yes: Self, no: Self) -> Self;
+    /// True if `self > other` in some lane.
+    fn any_greater(self, other: Self) -> bool;
     /// The nearest whole number, ties to even.
     fn round(self) -> Self;
     /// 2 to the power of a whole number from -126 to 127.
@@ -171,6 +173,11 @@ impl Vector for f32 {
     #[inline(always)]
     fn if_greater(self, other: Self, yes: Self, no: Self) -> Self {
         if self > other { yes } else { no }
+    }
+
+    #[inline(always)]
+    fn any_greater(self, other: Self) -> bool {
+        self > other
     }
 
     #[inline(always)]

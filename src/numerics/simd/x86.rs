@@ -93,6 +93,11 @@ impl Vector for V8 {
     }
 
     #[inline(always)]
+    fn any_greater(self, other: Self) -> bool {
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(self.0, other.0)) != 0 }
+    }
+
+    #[inline(always)]
     fn round(self) -> Self {
         Self(unsafe { _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(self.0) })
     }
@@ -154,6 +159,11 @@ impl Vector for V16 {
     #[inline(always)]
     fn if_greater(self, other: Self, yes: Self, no: Self) -> Self {
         Self(unsafe { _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0), no.0, yes.0) })
+    }
+
+    #[inline(always)]
+    fn any_greater(self, other: Self) -> bool {
+        unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0) != 0 }
     }
 
     #[inline(always)]

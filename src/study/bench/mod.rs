@@ -4,7 +4,9 @@ mod chart;
 mod fits;
 mod growth;
 mod memory;
+pub mod merging;
 mod passes;
+pub mod photographs;
 mod table;
 
 use super::clock::ClockError;
@@ -158,8 +160,11 @@ pub enum BenchError {
     /// The free memory is not known.
     #[error("/proc/meminfo does not say how much memory is available{0}: large sizes cannot be measured safely")]
     Memory(String),
-    /// Nobody reads the table any more.
-    #[error("the table cannot be printed: {0}")]
+    /// Frames cannot be made, read or merged.
+    #[error("the frames cannot be developed: {0}")]
+    Frames(String),
+    /// Nobody reads the table any more, or files cannot be written.
+    #[error("table or files cannot be written: {0}")]
     Print(#[from] std::io::Error),
 }
 

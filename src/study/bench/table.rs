@@ -81,7 +81,7 @@ fn join([scene, work, objective, points, samples, best, median, ns, last, bar]: 
 }
 
 /// How the median compares with its bar.
-fn verdict(bar: Bar, times: &Times) -> String {
+pub(super) fn verdict(bar: Bar, times: &Times) -> String {
     let Bar { most_s, goal_s } = bar;
     if times.median_s <= goal_s {
         format!("reaches the goal of {}", seconds(goal_s))
@@ -93,7 +93,7 @@ fn verdict(bar: Bar, times: &Times) -> String {
 }
 
 /// A time to three digits with its unit.
-fn seconds(value: f64) -> String {
+pub(super) fn seconds(value: f64) -> String {
     let (value, unit) = if value < 0.1 { (1e3 * value, "ms") } else { (value, "s") };
     format!("{} {unit}", three_digits(value))
 }

@@ -1,7 +1,7 @@
 //! The points of one vector: what the loops evaluate at their rows, and their best weights.
 
 use super::quadratic::{Minimum, Quadratic};
-use super::{Alpha, REWEIGHTINGS, Sign, triangle};
+use super::{Alpha, REWEIGHTINGS, SETTLED, Sign, triangle};
 use crate::numerics::brdf::Family;
 use crate::numerics::fit::MAX_MATERIALS;
 use crate::numerics::fit::prepared::ReadyRow;
@@ -86,6 +86,19 @@ pub(super) fn minus<V: Vector, const M: usize>(values: &[V; M]) -> [V; M] {
     minus
 }
 
+/// 1 where weights have changed by more than [`SETTLED`] of their sum, else 0.
+#[inline(always)]
+fn moved<V: Vector, const M: usize>(gamma: &[V; M], minus_before: &[V; M]) -> V {
+    let zero = V::splat(0.0);
+    let (mut change, mut sum) = (zero, zero);
+    for m in 0..M {
+        let difference = gamma[m] + minus_before[m];
+        change = change.max(difference.max(-difference));
+        sum = sum + gamma[m].max(-gamma[m]);
+    }
+    change.if_greater(V::splat(SETTLED as f32) * sum, V::splat(1.0), zero)
+}
+
 impl<const M: usize> Point<'_, M> {
     /// Evaluates every row; the slopes of the lobes and the products only for `NORMAL` equations.
     #[inline(always)]
@@ -168,20 +181,30 @@ impl<const M: usize> Point<'_, M> {
         for (row, evaluated) in self.rows.iter().zip(evaluated.iter()) {
             evaluated.add_to(row, self.part, &mut q);
         }
-        let Some(scale) = self.cauchy else { return self.within_sign(&q) };
+        let mut minimum = self.within_sign(&q);
+        let Some(scale) = self.cauchy else { return minimum };
         let (one, inverse) = (V::splat(1.0), V::splat(1.0 / (scale * scale)));
+        let half = V::splat(0.5);
+        let mut moving = one;
         for _ in 0..REWEIGHTINGS {
-            let minus_gamma = minus(&self.within_sign(&q).gamma);
+            let minus_gamma = minus(&minimum.gamma);
             q = Quadratic::zero();
             for (row, evaluated) in self.rows.iter().zip(evaluated.iter_mut()) {
                 for c in 0..3 {
                     let residual = evaluated.residual(c, V::load(&row.radiance[c], self.part), &minus_gamma);
-                    evaluated.weight[c] = evaluated.kept / (residual * residual).mul_add(inverse, one);
+                    let weight = evaluated.kept / (residual * residual).mul_add(inverse, one);
+                    // Points that stand keep what they have: their lanes must not depend on their neighbours'.
+                    evaluated.weight[c] = moving.if_greater(half, weight, evaluated.weight[c]);
                 }
                 evaluated.add_to(row, self.part, &mut q);
             }
+            minimum = self.within_sign(&q);
+            moving = moved(&minimum.gamma, &minus_gamma);
+            if !moving.any_greater(half) {
+                break;
+            }
         }
-        self.within_sign(&q)
+        minimum
     }
 
     /// Cost of these points under some weights.

@@ -86,7 +86,7 @@ fn alternate(
     let mut tilts = vec![[0.0; 2]; observations.points()];
     let mut iterations = alpha.found.iterations;
     let mut variance = FIRST_DEVIATION * FIRST_DEVIATION;
-    let unit2 = Prepared::of_blocks(observations, recipe, 0..0).unit2;
+    let unit2 = Prepared::empty(recipe).unit2;
     let mut pull = pull_of(alpha.found.cost * unit2 / freedom as f64, variance);
     alpha.found.converged = false;
     for _ in 0..ROUNDS.0 {

@@ -1,0 +1,117 @@
+//! `rigd calibrate camera`: intrinsics, distortion and board poses from a folder of chessboard photographs.
+
+use crate::cli::error::{bad_input, print_line};
+use crate::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, calibrate_camera};
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+
+/// Measure the camera on photographs of a chessboard.
+///
+/// Every JPEG, PNG and BMP file of the folder is taken for a photograph of the board. Those that do not serve are left out and listed
+/// with the reason.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Folder of photographs of one board, all by one camera, unzoomed and unfocused between.
+    #[arg(value_name = "FOLDER")]
+    folder: PathBuf,
+    /// Inner corners of the board, where four squares meet: a board of 10x7 squares has 9x6.
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = corners)]
+    board: (usize, usize),
+    /// Side of a square, mm.
+    #[arg(long, value_name = "MM")]
+    square_mm: f64,
+    /// Write the calibration to this file.
+    #[arg(long, value_name = "FILE.json")]
+    out: Option<PathBuf>,
+    /// Print the calibration as JSON and nothing else.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A larger file is no camera's photograph, bytes.
+const MAX_FILE: u64 = 256 << 20;
+
+fn corners(text: &str) -> Result<(usize, usize), String> {
+    let parsed = text.split_once('x').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    parsed.ok_or_else(|| "give inner corners as COLUMNSxROWS, for example 9x6".into())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let board = Board { columns: args.board.0, rows: args.board.1, square_mm: args.square_mm };
+    let files = photographs(&args.folder)?;
+    let photographs: Vec<Photograph<'_>> = files.iter().map(|(name, bytes)| Photograph { name, bytes }).collect();
+    let found = calibrate_camera(&photographs, &board)
+        .map_err(|error| bad_input(format!("{}: {error}", args.folder.display())))?;
+    let json = serde_json::to_string_pretty(&found)?;
+    if let Some(out) = &args.out {
+        std::fs::write(out, &json).with_context(|| format!("{}: the file cannot be written", out.display()))?;
+    }
+    Ok(print_line(if args.json { json } else { summary(&found).trim_end().to_owned() })?)
+}
+
+/// Name and bytes of every picture file of a folder, by name.
+fn photographs(folder: &Path) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
+    let refuse = |path: &Path, reason: String| bad_input(format!("{}: {reason}", path.display()));
+    let unreadable = |e: std::io::Error| refuse(folder, format!("{e}: give a folder of photographs"));
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if !["jpg", "jpeg", "png", "bmp"].contains(&ending.as_str()) {
+            continue;
+        }
+        let size = std::fs::metadata(&path).map_err(|e| refuse(&path, e.to_string()))?.len();
+        if size > MAX_FILE {
+            let reason = format!("{size} bytes are no photograph: give files of at most {MAX_FILE} bytes");
+            return Err(refuse(&path, reason));
+        }
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        found.push((name, std::fs::read(&path).map_err(|e| refuse(&path, e.to_string()))?));
+    }
+    found.sort();
+    if found.is_empty() {
+        return Err(refuse(
+            folder,
+            "no .jpg, .png or .bmp file in it: give a folder of photographs of the board".into(),
+        ));
+    }
+    Ok(found)
+}
+
+/// What a person wants to know, a line each.
+fn summary(found: &CameraCalibration) -> String {
+    let used = found.views.iter().filter(|view| view.rejected.is_none()).count();
+    let ([fx, fy], [cx, cy]) = (found.focal_px, found.principal_px);
+    let ([sfx, sfy], [scx, scy]) = (found.sigma.focal_px, found.sigma.principal_px);
+    let mut text = format!(
+        "{used} of {} photographs used, {}x{} pixels, reprojection {:.3} px rms\n\
+         focal length    {fx:.2} +- {sfx:.2}, {fy:.2} +- {sfy:.2} px\n\
+         principal point {cx:.2} +- {scx:.2}, {cy:.2} +- {scy:.2} px\n",
+        found.views.len(),
+        found.width,
+        found.height,
+        found.rms_px
+    );
+    for (i, name) in ["k1", "k2", "p1", "p2", "k3"].iter().enumerate() {
+        if !found.held.iter().any(|held| held == name) {
+            text += &format!("{name}              {:.6} +- {:.6}\n", found.distortion[i], found.sigma.distortion[i]);
+        }
+    }
+    for decision in &found.decisions {
+        text += &format!("{}: {}\n", decision.parameters, decision.reason);
+    }
+    for view in &found.views {
+        text += &match (&view.rejected, view.rms_px, view.pose) {
+            (None, Some(rms), Some(pose)) => {
+                let [x, y, z] = pose.translation_mm;
+                format!("{}: {rms:.3} px rms, board at ({x:.1}, {y:.1}, {z:.1}) mm\n", view.name)
+            }
+            (reason, ..) => format!("{}: LEFT OUT: {}\n", view.name, reason.as_deref().unwrap_or("not used")),
+        };
+    }
+    for warning in &found.warnings {
+        text += &format!("warning: {warning}\n");
+    }
+    text
+}

@@ -1,0 +1,141 @@
+//! What `rigd merge` finds in a folder: frames and their times, dark and flat-field frames, the reference patch.
+
+use super::MergeInputError;
+use crate::numerics::radiometry::drift::Patch;
+use crate::pipeline::decode::FrameInfo;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// The list of frames beside them.
+const LIST: &str = "exposures.toml";
+/// A larger file is no camera's frame, bytes.
+const MAX_FILE: u64 = 256 << 20;
+
+/// Everything a folder holds.
+#[derive(Default)]
+pub(super) struct Folder {
+    pub frames: Vec<Frame>,
+    pub dark: Vec<Frame>,
+    pub flat: Vec<Frame>,
+    pub reference: Option<Reference>,
+}
+
+/// A file with its exposure time.
+pub(super) struct Frame {
+    pub name: String,
+    pub bytes: Vec<u8>,
+    /// Nominal, seconds.
+    pub time_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ExposureList {
+    frame: Vec<ListedFrame>,
+    #[serde(default)]
+    dark: Vec<ListedFrame>,
+    #[serde(default)]
+    flat: Vec<ListedFrame>,
+    reference_patch: Option<ListedPatch>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ListedPatch {
+    x: usize,
+    y: usize,
+    width: usize,
+    height: usize,
+    radiance: [f64; 3],
+}
+
+/// A patch of the picture and the radiance it has when the lamp is as bright as it should be.
+pub(super) struct Reference {
+    pub patch: Patch,
+    pub radiance: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ListedFrame {
+    file: PathBuf,
+    time_s: f64,
+}
+
+/// Reads the files of a folder.
+pub(super) fn read(dir: &Path) -> Result<Folder, MergeInputError> {
+    let list = dir.join(LIST);
+    if list.is_file() {
+        return listed(dir, &list);
+    }
+    Ok(Folder { frames: exif_frames(dir)?, ..Folder::default() })
+}
+
+/// Frames and times of exposures.toml; its paths are relative to the folder.
+fn listed(dir: &Path, list: &Path) -> Result<Folder, MergeInputError> {
+    let refuse = |reason: String| MergeInputError(format!("{}: {reason}", list.display()));
+    let text = String::from_utf8(read_file(list)?).map_err(|_| refuse("it is not UTF-8 text".into()))?;
+    let parsed: ExposureList = toml::from_str(&text)
+        .map_err(|e| refuse(format!("{e}; write one [[frame]] with file = \"...\" and time_s = seconds per frame")))?;
+    let files = |listed: Vec<ListedFrame>| {
+        let file = |ListedFrame { file, time_s }: ListedFrame| {
+            let bytes = read_file(&dir.join(&file))?;
+            Ok(Frame { name: file.display().to_string(), bytes, time_s })
+        };
+        listed.into_iter().map(file).collect::<Result<Vec<_>, MergeInputError>>()
+    };
+    let reference = parsed.reference_patch.map(|ListedPatch { x, y, width, height, radiance }| Reference {
+        patch: Patch { x, y, width, height },
+        radiance,
+    });
+    if reference.as_ref().is_some_and(|r| r.radiance.iter().any(|v| !(v.is_finite() && *v > 0.0))) {
+        return Err(refuse(
+            "reference_patch: radiance must be three positive numbers: take those rigd merge prints".into(),
+        ));
+    }
+    Ok(Folder { frames: files(parsed.frame)?, dark: files(parsed.dark)?, flat: files(parsed.flat)?, reference })
+}
+
+/// Every picture of the folder, with the time of its EXIF.
+fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
+    let refuse = |reason: String| MergeInputError(format!("{}: {reason}", dir.display()));
+    let unreadable = |e: std::io::Error| refuse(format!("{e}: give a folder of frames"));
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(dir).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if ["jpg", "jpeg", "png", "bmp"].contains(&ending.as_str()) {
+            paths.push(path);
+        }
+    }
+    if paths.is_empty() {
+        return Err(refuse("no .jpg, .png or .bmp file in it: give a folder of frames".into()));
+    }
+    paths.sort();
+    let mut frames = Vec::new();
+    let mut timeless = Vec::new();
+    for path in paths {
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let bytes = read_file(&path)?;
+        match FrameInfo::read(&bytes).exposure_time_s {
+            Some(time_s) => frames.push(Frame { name, bytes, time_s }),
+            None => timeless.push(name),
+        }
+    }
+    if timeless.is_empty() {
+        return Ok(frames);
+    }
+    Err(refuse(format!(
+        "no exposure time in the EXIF of {}: write {LIST} with file and time_s of every [[frame]]",
+        timeless.join(", ")
+    )))
+}
+
+fn read_file(path: &Path) -> Result<Vec<u8>, MergeInputError> {
+    let refuse = |reason: String| MergeInputError(format!("{}: {reason}", path.display()));
+    let size = std::fs::metadata(path).map_err(|e| refuse(e.to_string()))?.len();
+    if size > MAX_FILE {
+        return Err(refuse(format!("{size} bytes are no camera's frame: give files of at most {MAX_FILE} bytes")));
+    }
+    std::fs::read(path).map_err(|e| refuse(e.to_string()))
+}

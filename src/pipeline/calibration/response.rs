@@ -1,0 +1,215 @@
+//! The camera's response and shutter times from one bracket, as a report.
+
+use super::doubts::doubts;
+use crate::numerics::radiometry::bracket::{Bracket, BracketError, PairTest};
+use crate::numerics::radiometry::response::{Recovered, Response, recover};
+use crate::numerics::radiometry::robertson::robertson;
+use crate::numerics::radiometry::times::MeasuredTimes;
+use crate::pipeline::decode::power_of_two_s;
+use serde::{Deserialize, Serialize};
+
+/// How the curve is solved for when the times are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Debevec & Malik 1997 under the condition that the curve does not decrease.
+    Debevec,
+    /// Robertson, Borman & Stevenson 2003, kept monotone.
+    Robertson,
+}
+
+/// A measured response with the shutter times it was measured with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ResponseCalibration {
+    /// How the curve was solved for.
+    pub method: Method,
+    /// Natural logarithm of exposure (radiance x seconds) by channel and 8-bit level; 0 at level 128.
+    pub log_exposure: [Vec<f64>; 3],
+    /// Levels by channel that only the demand for a non-decreasing curve holds up.
+    pub active_constraints: [usize; 3],
+    /// Pixels looked at.
+    pub pixels: usize,
+    /// Every frame's times, shortest first.
+    pub exposures: Vec<ExposureTime>,
+    /// The frame whose time is taken as expected: images tell ratios only.
+    pub reference: String,
+    /// What the times were expected to be before the images were asked.
+    pub expected: Expected,
+    /// What the images did not determine and what fixes it, in words.
+    pub gauge: String,
+    /// Relative standard error of the exponent that the images leave open on all times and on the curve.
+    pub exponent_sigma: f64,
+    /// Relative scatter of the measured about the nominal times, up to one exponent.
+    pub scatter_nominal: Option<f64>,
+    /// The same about the power-of-two times; none if a nominal time is no third of a stop.
+    pub scatter_power_of_two: Option<f64>,
+    /// What the operator ought to know, each with the frame and the remedy.
+    pub warnings: Vec<String>,
+}
+
+/// Which times fix what images leave open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Expected {
+    /// 2^(k/3) seconds, what a third-stop shutter aims at.
+    PowerOfTwo,
+    /// The times as given.
+    Nominal,
+}
+
+/// One frame's times side by side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExposureTime {
+    /// The frame.
+    pub name: String,
+    /// Time as labelled or listed, seconds.
+    pub nominal_s: f64,
+    /// 2^(k/3) seconds next to it; none if the nominal time is no third of a stop.
+    pub power_of_two_s: Option<f64>,
+    /// Time from the images, seconds; the expected one where they do not tell.
+    pub estimated_s: f64,
+    /// Relative standard error of the estimate against the reference frame; none where the images do not tell.
+    pub sigma_relative: Option<f64>,
+    /// Pixels, counted once a channel, that another frame shows as well.
+    pub overlap_pixels: usize,
+    /// True if the estimate departs from both the nominal and the power-of-two time by more than it may.
+    pub departs: bool,
+}
+
+/// A time departs when it is this many standard errors away, and by at least this much: less does not matter.
+const DEPARTS_SIGMA: f64 = 4.0;
+const DEPARTS_LEAST: f64 = 0.005;
+/// A departure that no shutter makes: half a stop.
+const CONTRADICTS: f64 = 0.35;
+/// Why a bracket gives no calibration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CalibrateError {
+    /// The bracket is unusable.
+    #[error(transparent)]
+    Bracket(#[from] BracketError),
+    /// A time is far from the one listed.
+    #[error("the images contradict the listed times: {}; correct these times or leave the frames out", .0.join("; "))]
+    Contradicts(Vec<String>),
+}
+
+/// A calibrated bracket: the report, and the bracket with its measured times.
+pub struct Calibrated {
+    /// The report.
+    pub calibration: ResponseCalibration,
+    /// The frames with estimated times.
+    pub bracket: Bracket,
+    /// What exposures compared with longer ones say of their times.
+    pub pairs: Vec<PairTest>,
+}
+
+/// Measures the times and the response of `bracket`, whose times are the nominal ones.
+pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, CalibrateError> {
+    bracket.check_exposed()?;
+    let pairs = bracket.check_times()?;
+    let nominal = bracket.times_s();
+    let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
+    let thirds: Option<Vec<f64>> = nominal.iter().map(|&t| power_of_two_s(t)).collect();
+    let (expected, measured) = measure(&bracket, &nominal, thirds.as_deref())?;
+    let timed = bracket.with_times(&measured.seconds())?;
+    let Recovered { response, active_constraints, pixels } = match method {
+        Method::Debevec => recover(&timed)?,
+        Method::Robertson => robertson(&timed)?,
+    };
+    let mut calibration = ResponseCalibration {
+        method,
+        log_exposure: response.log_exposure.clone(),
+        active_constraints,
+        pixels,
+        exposures: Vec::new(),
+        reference: names[measured.reference].clone(),
+        expected,
+        gauge: gauge_in_words(expected, &names[measured.reference], &measured),
+        exponent_sigma: measured.exponent_sigma,
+        scatter_nominal: measured.scatter_about(&nominal, true),
+        scatter_power_of_two: thirds.as_ref().and_then(|thirds| measured.scatter_about(thirds, true)),
+        warnings: Vec::new(),
+    };
+    for ((name, &nominal_s), time) in names.into_iter().zip(&nominal).zip(&measured.frames) {
+        let power_of_two_s = power_of_two_s(nominal_s);
+        let off = |listed: f64| (time.time_s / listed).ln().abs();
+        let nearest = off(nominal_s).min(power_of_two_s.map_or(f64::INFINITY, off));
+        let limit = time.sigma.map(|sigma| (DEPARTS_SIGMA * sigma).max(DEPARTS_LEAST));
+        calibration.exposures.push(ExposureTime {
+            name,
+            nominal_s,
+            power_of_two_s,
+            estimated_s: time.time_s,
+            sigma_relative: time.sigma,
+            overlap_pixels: time.overlap,
+            departs: limit.is_some_and(|limit| nearest > limit),
+        });
+    }
+    calibration.refuse_contradictions()?;
+    calibration.warnings = doubts(&calibration, &measured, &pairs, &timed, &response);
+    Ok(Calibrated { calibration, bracket: timed, pairs })
+}
+
+/// Measures next to the power-of-two times, or to the nominal ones if the images agree better with these.
+fn measure(
+    bracket: &Bracket,
+    nominal: &[f64],
+    thirds: Option<&[f64]>,
+) -> Result<(Expected, MeasuredTimes), BracketError> {
+    let Some(thirds) = thirds else {
+        return Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?));
+    };
+    let measured = MeasuredTimes::without_response(bracket, thirds)?;
+    let scatter = |times: &[f64]| measured.scatter_about(times, true).unwrap_or(f64::INFINITY);
+    // Only a clear difference speaks against the times a shutter aims at.
+    if 2.0 * scatter(nominal) < scatter(thirds) {
+        Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?))
+    } else {
+        Ok((Expected::PowerOfTwo, measured))
+    }
+}
+
+fn gauge_in_words(expected: Expected, reference: &str, measured: &MeasuredTimes) -> String {
+    let which = match expected {
+        Expected::PowerOfTwo => "power-of-two",
+        Expected::Nominal => "nominal",
+    };
+    format!(
+        "Images of an unknown response tell times up to a factor and an exponent common to all (Grossberg & Nayar 2003). The factor \
+         is fixed by the time of {reference}, the exponent by the {which} times: relative standard error {:.1e}, if they scatter \
+         about the true ones independently, as the {:.2} % seen do.",
+        measured.exponent_sigma,
+        100.0 * measured.scatter
+    )
+}
+
+impl ResponseCalibration {
+    /// The curves for the merge.
+    ///
+    /// # Errors
+    /// A curve has not 256 levels, is not finite, or falls: the report was not written by this program.
+    pub fn response(&self) -> Result<Response, String> {
+        let sound = |curve: &Vec<f64>| {
+            curve.len() == 256 && curve.iter().all(|g| g.is_finite()) && curve.is_sorted_by(|a, b| a <= b)
+        };
+        if self.log_exposure.iter().all(sound) {
+            Ok(Response { log_exposure: self.log_exposure.clone() })
+        } else {
+            Err("log_exposure must hold 256 finite numbers a channel that do not decrease: calibrate again".into())
+        }
+    }
+
+    fn refuse_contradictions(&self) -> Result<(), CalibrateError> {
+        let far = |time: &&ExposureTime| {
+            time.sigma_relative.is_some() && (time.estimated_s / time.nominal_s).ln().abs() > CONTRADICTS
+        };
+        let reasons: Vec<String> = self
+            .exposures
+            .iter()
+            .filter(far)
+            .map(|t| format!("{} is listed as {} s, the images say {:.4} s", t.name, t.nominal_s, t.estimated_s))
+            .collect();
+        if reasons.is_empty() { Ok(()) } else { Err(CalibrateError::Contradicts(reasons)) }
+    }
+}
