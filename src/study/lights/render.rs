@@ -103,19 +103,19 @@ fn shade(rig: &Rig, ball: usize, lamp: usize, exposure: &Exposure, at: [f64; 2])
 
 /// Gaussian blur, rows then columns; the border repeats.
 fn blur(image: &Image<f32>, sigma: f64) -> Image<f32> {
-    let reach = (5.0 * sigma).ceil() as i64;
-    let kernel: Vec<f64> = (-reach..=reach).map(|i| (-0.5 * (i as f64 / sigma).powi(2)).exp()).collect();
+    let reach = (5.0 * sigma).ceil() as usize;
+    let kernel: Vec<f64> =
+        (0..=2 * reach).map(|i| (-0.5 * ((i as f64 - reach as f64) / sigma).powi(2)).exp()).collect();
     let total: f64 = kernel.iter().sum();
-    let pass = |image: &Image<f32>, step: (i64, i64)| {
+    let pass = |image: &Image<f32>, (across, down): (usize, usize)| {
         let mut out = image.clone();
-        let clamp = |v: i64, most: usize| v.clamp(0, most as i64 - 1) as usize;
         for y in 0..image.height {
             for x in 0..image.width {
                 let mut sum = 0.0;
                 for (k, weight) in kernel.iter().enumerate() {
-                    let off = k as i64 - reach;
-                    let (u, v) = (x as i64 + off * step.0, y as i64 + off * step.1);
-                    sum += weight * f64::from(*image.at(clamp(u, image.width), clamp(v, image.height)));
+                    let u = (x + k * across).saturating_sub(reach * across).min(image.width - 1);
+                    let v = (y + k * down).saturating_sub(reach * down).min(image.height - 1);
+                    sum += weight * f64::from(*image.at(u, v));
                 }
                 out.pixels[y * image.width + x] = (sum / total) as f32;
             }

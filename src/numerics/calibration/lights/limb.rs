@@ -45,8 +45,10 @@ fn powers(s: f64) -> [f64; 3] {
         let u = low + i as f64 * step;
         let simpson = if i == 0 || i == CELLS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
         let gauss = (-0.5 * (s - u * u) * (s - u * u)).exp() * 0.398_942_280_401_432_7;
-        for (k, sum) in sums.iter_mut().enumerate() {
-            *sum += simpson * step / 3.0 * 2.0 * u.powi(k as i32 + 1) * gauss;
+        let mut power = u;
+        for sum in &mut sums {
+            *sum += simpson * step / 3.0 * 2.0 * power * gauss;
+            power *= u;
         }
     }
     sums
@@ -94,15 +96,15 @@ impl Profile {
     /// The limb within `reach` pixels of the expected outline. None where the profile's end is as good as any place in it, or
     /// where no place explains the levels better than noise.
     pub(super) fn limb(&self, table: &LimbTable, sigma: f64, reach: f64) -> Option<Limb> {
-        let steps = (reach / 0.25).ceil() as i32;
-        let at = |i: i32| f64::from(i) * reach / f64::from(steps);
-        let scanned: Vec<f64> = (-steps..=steps).map(|i| self.rss(table, at(i), sigma)).collect();
+        let steps = (reach / 0.25).ceil();
+        let step = reach / steps;
+        let at = |i: usize| i as f64 * step - reach;
+        let scanned: Vec<f64> = (0..=2 * steps as usize).map(|i| self.rss(table, at(i), sigma)).collect();
         let best = (0..scanned.len()).min_by(|a, b| scanned[*a].total_cmp(&scanned[*b]))?;
         if best == 0 || best + 1 == scanned.len() {
             return None;
         }
-        let middle = at(best as i32 - steps);
-        let offset = golden(|x| self.rss(table, x, sigma), middle - at(1), middle + at(1));
+        let offset = golden(|x| self.rss(table, x, sigma), at(best) - step, at(best) + step);
         let rss = self.rss(table, offset, sigma);
         const H: f64 = 0.1;
         let curvature =

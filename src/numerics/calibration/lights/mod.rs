@@ -8,6 +8,7 @@ pub mod arm;
 pub mod balls;
 pub mod card;
 mod edges;
+mod fitted;
 pub mod highlight;
 mod hough;
 pub mod joint;

@@ -230,12 +230,12 @@ fn distances(projection: &Projection, outline: &Outline, points: &[EdgePoint]) -
 }
 
 fn solve(rows: &[(Vec3, f64)], weights: &[f64]) -> Option<Vec3> {
-    // Centred columns keep the digits: rays of a long lens are nearly parallel.
     let (mut normal, mut right) = (Matrix3::zeros(), Vec3::zeros());
     for ((row, b), weight) in rows.iter().zip(weights) {
         normal += row * row.transpose() * *weight;
         right += row * (*b * *weight);
     }
+    // A unit diagonal keeps the digits: rays of a long lens are nearly parallel.
     let scale = Vec3::new(normal[(0, 0)], normal[(1, 1)], normal[(2, 2)]).map(|d| d.max(1e-300).sqrt().recip());
     let scaled = Matrix3::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
     Some(scaled.cholesky()?.solve(&right.component_mul(&scale)).component_mul(&scale))
