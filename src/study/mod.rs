@@ -6,6 +6,7 @@ pub mod chart;
 pub mod clock;
 mod csv;
 pub mod forward;
+pub mod lights;
 pub mod merge;
 pub mod method;
 pub mod scene;

@@ -1,2 +1,3 @@
 //! What photographs of known objects say of the rig.
 pub mod camera;
+pub mod lights;
