@@ -7,7 +7,7 @@ use rigd::numerics::calibration::lights::highlight::{self, Spots};
 use rigd::numerics::calibration::lights::{balls, mirror};
 use rigd::numerics::geometry::{Projection, Sphere, Vec3};
 use rigd::numerics::image::Image;
-use rigd::pipeline::calibration::lights::{LightsCalibration, frames};
+use rigd::pipeline::calibration::lights::LightsCalibration;
 use rigd::pipeline::decode::decode;
 use rigd::study::lights::forward::Rig;
 use rigd::study::lights::render::{Exposure, frame};
@@ -25,8 +25,15 @@ fn photographs() -> Option<PathBuf> {
     None
 }
 
+/// Levels as they are: these photographs are linear.
 fn read(path: &Path) -> Spots {
-    frames::from_levels(&decode(&std::fs::read(path).unwrap()).unwrap())
+    let picture = decode(&std::fs::read(path).unwrap()).unwrap();
+    let grey = |p: &[u8; 3]| p.iter().map(|&c| f32::from(c)).sum::<f32>() / 765.0;
+    let (width, height) = (picture.width, picture.height);
+    Spots {
+        level: Image { width, height, pixels: picture.pixels.iter().map(grey).collect() },
+        clipped: Image { width, height, pixels: picture.pixels.iter().map(|p| p.iter().any(|&c| c >= 250)).collect() },
+    }
 }
 
 /// Directions that ship with the photographs (y up, z towards the camera there), in the camera frame.
