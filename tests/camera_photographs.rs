@@ -149,16 +149,14 @@ fn render(place: &Place, look: Look, seed: u64) -> Image<[u8; 3]> {
     let mean = |rays: &[Vec3]| rays.iter().map(level).sum::<f64>() / rays.len() as f64;
     let fine: Vec<f64> = DIRECTIONS.chunks(RAYS * RAYS).map(mean).collect();
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let reach = look.blur as i64;
+    let side = 2 * look.blur + 1;
     let pixels = (0..SIZE.0 * SIZE.1).map(|p| {
-        let (x, y) = ((p % SIZE.0) as i64, (p / SIZE.0) as i64);
-        let mut sum = 0.0;
-        for (dx, dy) in (-reach..=reach).flat_map(|dx| (-reach..=reach).map(move |dy| (dx, dy))) {
-            let (x, y) = ((x + dx).clamp(0, SIZE.0 as i64 - 1), (y + dy).clamp(0, SIZE.1 as i64 - 1));
-            sum += fine[y as usize * SIZE.0 + x as usize];
-        }
+        let (x, y) = (p % SIZE.0, p / SIZE.0);
+        let near = |v: usize, d: usize, size: usize| (v + d).saturating_sub(look.blur).min(size - 1);
+        let window = (0..side).flat_map(|dy| (0..side).map(move |dx| (dx, dy)));
+        let sum: f64 = window.map(|(dx, dy)| fine[near(y, dy, SIZE.1) * SIZE.0 + near(x, dx, SIZE.0)]).sum();
         let noise: f64 = StandardNormal.sample(&mut random);
-        let level = sum / ((2 * reach + 1) * (2 * reach + 1)) as f64 + look.noise * noise;
+        let level = sum / (side * side) as f64 + look.noise * noise;
         [level.round().clamp(0.0, 255.0) as u8; 3]
     });
     Image { width: SIZE.0, height: SIZE.1, pixels: pixels.collect() }
