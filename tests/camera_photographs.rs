@@ -337,7 +337,7 @@ fn the_command_writes_the_report_and_refuses_in_words() {
 #[ignore = "writes docs/camera-corners.png"]
 fn picture_of_found_corners() {
     let place = Place { tilt_deg: 28.0, axis: 0.9, spin: 0.15, middle: [0.0, 0.0, 560.0] };
-    let mut picture = render(&place, CLEAR, 1);
+    let mut picture = render(&place, Look { noise: 0.0, ..CLEAR }, 1);
     let found = find_board("rendered", &picture, &BOARD).unwrap();
     for (i, corner) in found.view.corners.iter().enumerate() {
         // The first corner blue, its row green, the others red.

@@ -73,15 +73,16 @@ fn write(
     let top = signed(path, place.origin.1)?;
     let file = File::create(path).map_err(|e| error(path, e.to_string()))?;
     let written = write_chunks_with(BufWriter::new(file), headers, true, |_, writer| {
-        let mut next = 0;
+        let (mut next, mut y_coordinate) = (0, top);
         rows(&mut |strip| {
             let left = strip.radiance.height.min(place.size.1 - next);
             let lines: Vec<Vec<u8>> = (0..left).into_par_iter().map(|row| line(strip, row)).collect();
-            for (y_coordinate, compressed_pixels_le) in (top + next as i32..).zip(lines) {
+            for compressed_pixels_le in lines {
                 let block = CompressedScanLineBlock { y_coordinate, compressed_pixels_le };
                 let chunk = Chunk { layer_index: 0, compressed_block: CompressedBlock::ScanLine(block) };
                 writer.write_chunk(next, chunk)?;
                 next += 1;
+                y_coordinate += 1;
             }
             Ok(())
         })

@@ -98,7 +98,8 @@ impl LightsFile {
         if !numbers.chain(listed.normal.iter().flatten()).all(|v| v.is_finite()) {
             return refuse("all numbers must be finite");
         }
-        if !(listed.reflectance > 0.0 && listed.reflectance <= 1.0) || !(0.0..1.0).contains(&listed.reflectance_sigma) {
+        let reflects = listed.reflectance > 0.0 && listed.reflectance <= 1.0;
+        if !(reflects && (0.0..1.0).contains(&listed.reflectance_sigma)) {
             return refuse("reflectance must lie in 0 to 1, and so must reflectance_sigma");
         }
         let (plane, warning) = match (listed.width_mm, listed.height_mm, listed.point_mm, listed.normal) {
