@@ -334,7 +334,7 @@ fn the_command_writes_the_report_and_refuses_in_words() {
 
 /// The guide's picture: `cargo test --test camera_photographs -- --ignored picture` writes it again.
 #[test]
-#[ignore = "writes docs/camera-corners.png"]
+#[ignore = "writes docs/camera-corners.png, by hand when the picture is to change: cargo test --test camera_photographs -- --ignored"]
 fn picture_of_found_corners() {
     let place = Place { tilt_deg: 28.0, axis: 0.9, spin: 0.15, middle: [0.0, 0.0, 560.0] };
     let mut picture = render(&place, Look { noise: 0.0, ..CLEAR }, 1);

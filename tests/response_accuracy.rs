@@ -130,7 +130,7 @@ fn table(seeds: u64, jitter: f64) {
 }
 
 #[test]
-#[ignore = "minutes long: prints the table of docs/calibrate-response.md"]
+#[ignore = "minutes long, by hand: cargo test --release --test response_accuracy -- --ignored --nocapture prints the table of docs/calibrate-response.md"]
 fn accuracy_over_seeds() {
     for jitter in [0.0, 0.003, 0.01] {
         table(8, jitter);
