@@ -23,6 +23,13 @@ const LOSS: f64 = 0.003;
 /// What is taken may not raise the error on left-out highlights by more than this, relative.
 const HIGHLIGHT_LOSS: f64 = 0.1;
 
+/// Bayes' criterion overrules left-out lights where one more material lowers it by more than the first of these a residual,
+/// and their error rises by less than `BEARABLE`, relative; or where it raises it by more than the second. Materials of one hue
+/// are told apart by their highlights only: the light left out is then the one that tells, and its error is no judge.
+const BIC_TAKES: f64 = 0.75;
+const BIC_REFUSES: f64 = 0.25;
+const BEARABLE: f64 = 0.75;
+
 /// What is to be chosen: none where the caller leaves it to the data.
 #[derive(Clone, Copy)]
 pub struct Wishes {
@@ -131,6 +138,11 @@ impl Choice<'_> {
         self.tried[self.best].clone()
     }
 
+    /// Residuals that candidates are judged by.
+    fn residuals(&self) -> f64 {
+        (3 * self.scene.points.samples()) as f64
+    }
+
     fn first(&mut self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> ControlFlow<()> {
         let candidate = self.scene.evaluate(materials, lobe, colour);
         self.tried.push(candidate);
@@ -167,7 +179,9 @@ impl Choice<'_> {
                 break;
             }
             let next = self.scene.evaluate(materials, best.lobe, best.colour);
-            self.attempt(next, worth(MATERIAL_GAIN, "more materials", Highlights::KeptOrBic))?;
+            let judge =
+                unless_overruled(self.residuals(), worth(MATERIAL_GAIN, "more materials", Highlights::KeptOrBic));
+            self.attempt(next, judge)?;
             materials += 1;
         }
         ControlFlow::Continue(())
@@ -191,7 +205,8 @@ impl Choice<'_> {
         let best = self.best();
         if fewer && best.lobe.name() != start.lobe.name() && best.materials > 1 {
             let next = self.scene.evaluate(best.materials - 1, best.lobe, best.colour);
-            self.attempt(next, worth(-LOSS, "one material fewer", Highlights::Kept))?;
+            let judge = unless_overruled(self.residuals(), worth(-LOSS, "one material fewer", Highlights::Kept));
+            self.attempt(next, judge)?;
         }
         ControlFlow::Continue(())
     }
@@ -233,6 +248,28 @@ enum Highlights {
     Kept,
     /// It may where BIC wants it: too few materials have the highlights of none.
     KeptOrBic,
+}
+
+/// Judges one material more or fewer: as `predicts` says, unless Bayes' criterion overrules it.
+fn unless_overruled(
+    residuals: f64,
+    predicts: impl Fn(&Candidate, &Candidate) -> Result<String, String>,
+) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
+    move |new, old| {
+        let (more, fewer) = if new.materials > old.materials { (new, old) } else { (old, new) };
+        let change = (more.bic - fewer.bic) / residuals;
+        let bearable = more.error() < fewer.error() * (1.0 + BEARABLE);
+        let wanted = match change {
+            _ if change < -BIC_TAKES && bearable => new.materials == more.materials,
+            _ if change > BIC_REFUSES => new.materials == fewer.materials,
+            _ => return predicts(new, old),
+        };
+        match predicts(new, old) {
+            Err(refused) if wanted => Ok(format!("{refused}, but taken: BIC is decisive ({:+.0})", new.bic - old.bic)),
+            Ok(taken) if !wanted => Err(format!("{taken}, but refused: BIC is decisive ({:+.0})", new.bic - old.bic)),
+            agreed => agreed,
+        }
+    }
 }
 
 /// Accepts what lowers the left-out error by the part `gain`, or raises it by less than `-gain`.
@@ -303,6 +340,21 @@ mod tests {
             assert_eq!(found.materials, truth, "{}", found.reason);
             assert_eq!(found.lobe.name(), "ward");
         }
+    }
+
+    /// Two materials of one hue differ by highlights only: left-out lights miss those, the fit does not.
+    #[test]
+    fn materials_of_one_hue_are_told_apart() {
+        let (clean, mut truth) = synthetic(900, 2, 33);
+        truth.materials[1].rho_d = truth.materials[0].rho_d.map(|albedo| 0.15 * albedo);
+        truth.materials[1].beta = 0.06;
+        let alike = |point: usize, s: Sample| Sample {
+            radiance: super::super::predict(&Ward, &truth.materials, truth.weights_of(point), &s),
+            ..s
+        };
+        let (observations, _) = clean.changed(1, |point, sample| Some(alike(point, sample)));
+        let found = taken(&noisy(&observations, 34), Wishes { lobe: Some(&Ward), ..OPEN });
+        assert_eq!(found.materials, 2, "{}", found.reason);
     }
 
     #[test]
