@@ -73,6 +73,17 @@ impl Objective {
         self.cauchy.then_some(CAUCHY_SCALE * deviation)
     }
 
+    /// Square of the radiance, in deviations, from which on these are taken to be in proportion to the radiance; none where
+    /// they never are. A bracket collects about the same number of photons at every radiance it reaches, so its relative
+    /// noise is constant; where a sample's own variance exceeds that of the model floor, it is no longer taken for that.
+    pub fn proportional(self) -> Option<f32> {
+        match self.measure {
+            Measure::Absolute => None,
+            Measure::Relative => Some(0.5),
+            Measure::Noise => Some((0.5 / (MODEL_FLOOR * MODEL_FLOOR)) as f32),
+        }
+    }
+
     /// Weight of the squared residual of each channel.
     pub fn weights(self, sample: &Sample) -> [f64; 3] {
         match self.measure {

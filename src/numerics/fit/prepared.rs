@@ -44,6 +44,8 @@ pub struct Prepared {
     pub family: Family,
     /// Cauchy's scale in units of the residuals; none for plain squares.
     pub cauchy: Option<f32>,
+    /// [`Objective::proportional`], if deviations follow the model.
+    pub(super) proportional: Option<f32>,
     /// What a cost has to be multiplied by: absolute radiances are brought near 1 first.
     pub unit2: f64,
     /// Points.
@@ -90,12 +92,21 @@ impl Prepared {
         Self {
             family: recipe.lobe.family(),
             cauchy: recipe.objective.cauchy_scale(1.0).map(|scale| scale as f32),
+            proportional: None,
             unit2: unit * unit,
             points: 0,
             first: vec![0],
             rows: Vec::new(),
             floors: Vec::new(),
         }
+    }
+
+    /// The same with deviations in proportion to the modelled radiance where [`Objective::proportional`] says so.
+    ///
+    /// Deviations in proportion to measured radiances favour samples that noise made dark: weights come out low by twice
+    /// the relative variance of a residual. This takes effect with Cauchy's reweighting.
+    pub fn following_the_model(self, objective: Objective) -> Self {
+        Self { proportional: objective.proportional(), ..self }
     }
 
     /// Some blocks of `observations` instead of what was there, in the same memory.

@@ -276,8 +276,8 @@ pub fn stream_weights(observations: &Observations, recipe: &Recipe<'_>, material
         prepared.refill(observations, recipe, begin..(begin + PART).min(observations.blocks()));
         kernel::part_weights(prepared, materials, gamma) * prepared.unit2
     };
-    let costs: Vec<f64> =
-        gamma.par_chunks_mut(PART * LANES * count).enumerate().map_init(|| Prepared::empty(recipe), part).collect();
+    let room = || Prepared::empty(recipe).following_the_model(recipe.objective);
+    let costs: Vec<f64> = gamma.par_chunks_mut(PART * LANES * count).enumerate().map_init(room, part).collect();
     (gamma, costs.iter().sum())
 }
 

@@ -75,7 +75,7 @@ impl LeaveOut<'_> {
             scratch.resize(rows.len(), Evaluated::empty());
             for part in 0..LANES / V::WIDTH {
                 let (sign, cauchy) = (Sign::NonNegative, prepared.cauchy);
-                let point = Point { rows, part, alpha: &alpha, sign, cauchy, floor: None };
+                let point = Point { rows, part, alpha: &alpha, sign, cauchy, proportional: None, floor: None };
                 point.evaluate::<V, B, T, false>(prepared.family, &mut scratch);
                 for group in 0..groups.count {
                     let group = group as f32;

@@ -33,7 +33,7 @@ const FAINT: f32 = 1e-36;
 pub(super) const REWEIGHTINGS: usize = 12;
 
 /// Weights of a point stand when a reweighting changes none by more than this part of their sum.
-pub(super) const SETTLED: f64 = 2e-3;
+pub(super) const SETTLED: f64 = 1e-2;
 
 /// Constraint of the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -213,8 +213,9 @@ impl Pass<'_> {
         for (index, block) in blocks.enumerate() {
             let rows = prepared.block(block);
             for part in 0..LANES / V::WIDTH {
-                let (cauchy, floor) = (prepared.cauchy, prepared.floor(block));
-                let point = Point { rows, part, alpha: &alpha, sign, cauchy, floor };
+                let Prepared { cauchy, proportional, .. } = *prepared;
+                let floor = prepared.floor(block);
+                let point = Point { rows, part, alpha: &alpha, sign, cauchy, proportional, floor };
                 match &mut out {
                     Out::Normal(_) => {
                         let scratch = room::<V, M, T>(&mut full, rows.len());

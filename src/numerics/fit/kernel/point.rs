@@ -15,6 +15,8 @@ pub(super) struct Point<'a, const M: usize> {
     pub sign: Sign,
     /// Cauchy's scale; none for plain squares.
     pub cauchy: Option<f32>,
+    /// Square of the radiance, in deviations, from which on deviations follow the model; none where they do not.
+    pub proportional: Option<f32>,
     /// Least weights under [`Sign::Slack`].
     pub floor: Option<&'a [Lane; MAX_MATERIALS]>,
 }
@@ -183,16 +185,16 @@ impl<const M: usize> Point<'_, M> {
         }
         let mut minimum = self.within_sign(&q);
         let Some(scale) = self.cauchy else { return minimum };
-        let (one, inverse) = (V::splat(1.0), V::splat(1.0 / (scale * scale)));
-        let half = V::splat(0.5);
-        let mut moving = one;
+        let (half, inverse) = (V::splat(0.5), V::splat(1.0 / (scale * scale)));
+        let mut moving = V::splat(1.0);
         for _ in 0..REWEIGHTINGS {
             let minus_gamma = minus(&minimum.gamma);
             q = Quadratic::zero();
             for (row, evaluated) in self.rows.iter().zip(evaluated.iter_mut()) {
                 for c in 0..3 {
-                    let residual = evaluated.residual(c, V::load(&row.radiance[c], self.part), &minus_gamma);
-                    let weight = evaluated.kept / (residual * residual).mul_add(inverse, one);
+                    let y = V::load(&row.radiance[c], self.part);
+                    let residual = evaluated.residual(c, y, &minus_gamma);
+                    let weight = evaluated.kept * self.trust(y, residual, inverse);
                     // Points that stand keep what they have: their lanes must not depend on their neighbours'.
                     evaluated.weight[c] = moving.if_greater(half, weight, evaluated.weight[c]);
                 }
@@ -205,6 +207,21 @@ impl<const M: usize> Point<'_, M> {
             }
         }
         minimum
+    }
+
+    /// What Cauchy's function weighs a residual with, over the inverse variance: 1 / (1 + r^2 / s^2). Where deviations follow
+    /// the model y - r, its square in place of y^2 makes that 1 / ((y - r)^2 / y^2 + r^2 / s^2).
+    #[inline(always)]
+    fn trust<V: Vector>(&self, y: V, residual: V, inverse: V) -> V {
+        let doubt = (residual * residual).mul_add(inverse, V::splat(1.0));
+        match self.proportional {
+            None => V::splat(1.0) / doubt,
+            Some(least) => {
+                let square = (y * y).max(V::splat(least));
+                let change = residual * (residual - y - y);
+                square / square.mul_add(doubt, change)
+            }
+        }
     }
 
     /// Cost of these points under some weights.

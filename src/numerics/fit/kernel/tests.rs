@@ -105,6 +105,27 @@ fn cauchy_bounds_the_pull_of_an_outlier() {
     assert!((plain - 1.0).abs() > 5.0 * (robust - 1.0).abs(), "plain {plain}, robust {robust}");
 }
 
+/// Noise in proportion to the radiance, 3 % of it: weights by measured radiances come out low by twice its square, those that
+/// follow the model do not.
+#[test]
+fn weights_that_follow_the_model_are_not_low() {
+    let lobe = brdf::by_name("ward").unwrap();
+    let (exact, truth) = synthetic(1500, 1, 76);
+    let observations = noisy(&exact, 0.03, 77);
+    let recipe = Recipe { lobe, objective: Objective::NOISE_CAUCHY, brightness: 1.0 };
+    let measured = Prepared::empty(&recipe);
+    let followed = Prepared::empty(&recipe).following_the_model(recipe.objective);
+    let [measured, followed] = [measured, followed].map(|mut prepared| {
+        prepared.refill(&observations, &recipe, 0..observations.blocks());
+        let (gamma, _) = weights(&prepared, &truth.materials, Sign::NonNegative);
+        let ratios = gamma.iter().zip(&truth.gamma).map(|(found, known)| found / known - 1.0);
+        ratios.sum::<f64>() / gamma.len() as f64
+    });
+    // 18 residuals a point, 1500 points: the mean is known to 2e-4.
+    assert!((measured + 2.0 * 0.03 * 0.03).abs() < 6e-4, "{measured}");
+    assert!(followed.abs() < 6e-4, "{followed}");
+}
+
 fn deviations_of_all(prepared: &Prepared, materials: &[Material]) -> Vec<f64> {
     deviations(prepared, materials, Sign::Free)
 }
@@ -170,11 +191,13 @@ fn instruction_sets_do_not_change_a_bit() {
             for (count, sign) in (1..=4).flat_map(|count| signs.map(|sign| (count, sign))) {
                 let sigma = deviations_of_all(&prepared, &four[..count]);
                 prepared.loosen(&sigma, count, 1.0);
+                let followed = prepared.clone().following_the_model(objective);
                 let run = |level| {
                     let sums = normal_at(level, &prepared, &four[..count], sign);
                     let (gamma, cost) = weights_at(level, &prepared, &four[..count], sign);
+                    let (follow, _) = weights_at(level, &followed, &four[..count], sign);
                     let sigma = deviations_at(level, &prepared, &four[..count], sign);
-                    [vec![sums.cost, cost], sums.gradient, sums.hessian, gamma, sigma]
+                    [vec![sums.cost, cost], sums.gradient, sums.hessian, gamma, follow, sigma]
                 };
                 let scalar = run(Level::Scalar);
                 negative |= scalar[3].iter().any(|weight| *weight < 0.0);
