@@ -23,11 +23,11 @@ const LOSS: f64 = 0.003;
 /// What is taken may not raise the error on left-out highlights by more than this, relative.
 const HIGHLIGHT_LOSS: f64 = 0.1;
 
-/// Bayes' criterion overrules left-out lights where one more material lowers it by more than the first of these a residual,
-/// and their error rises by less than `BEARABLE`, relative; or where it raises it by more than the second. Materials of one hue
-/// are told apart by their highlights only: the light left out is then the one that tells, and its error is no judge.
+/// Bayes' criterion overrules left-out lights where one more material lowers it by more than this a residual, and their error
+/// rises by less than `BEARABLE`, relative. Materials of one hue are told apart by their highlights only: the light left out is
+/// then the one that tells, and its error is no judge. Never the other way round: the criterion charges a weight a point, and
+/// where noise is not known it refuses materials that left-out lights need.
 const BIC_TAKES: f64 = 0.75;
-const BIC_REFUSES: f64 = 0.25;
 const BEARABLE: f64 = 0.75;
 
 /// What is to be chosen: none where the caller leaves it to the data.
@@ -250,24 +250,23 @@ enum Highlights {
     KeptOrBic,
 }
 
-/// Judges one material more or fewer: as `predicts` says, unless Bayes' criterion overrules it.
+/// Judges one material more or fewer: as `predicts` says, unless Bayes' criterion is decisive for the larger number.
 fn unless_overruled(
     residuals: f64,
     predicts: impl Fn(&Candidate, &Candidate) -> Result<String, String>,
 ) -> impl Fn(&Candidate, &Candidate) -> Result<String, String> {
     move |new, old| {
-        let (more, fewer) = if new.materials > old.materials { (new, old) } else { (old, new) };
-        let change = (more.bic - fewer.bic) / residuals;
-        let bearable = more.error() < fewer.error() * (1.0 + BEARABLE);
-        let wanted = match change {
-            _ if change < -BIC_TAKES && bearable => new.materials == more.materials,
-            _ if change > BIC_REFUSES => new.materials == fewer.materials,
-            _ => return predicts(new, old),
-        };
+        let adds = new.materials > old.materials;
+        let (more, fewer) = if adds { (new, old) } else { (old, new) };
+        let decisive = more.bic - fewer.bic < -BIC_TAKES * residuals && more.error() < fewer.error() * (1.0 + BEARABLE);
         match predicts(new, old) {
-            Err(refused) if wanted => Ok(format!("{refused}, but taken: BIC is decisive ({:+.0})", new.bic - old.bic)),
-            Ok(taken) if !wanted => Err(format!("{taken}, but refused: BIC is decisive ({:+.0})", new.bic - old.bic)),
-            agreed => agreed,
+            Err(refused) if decisive && adds => {
+                Ok(format!("{refused}, but taken: BIC is decisive ({:+.0})", new.bic - old.bic))
+            }
+            Ok(taken) if decisive && !adds => {
+                Err(format!("{taken}, but refused: BIC is decisive ({:+.0})", new.bic - old.bic))
+            }
+            verdict => verdict,
         }
     }
 }
