@@ -44,6 +44,10 @@ pub struct Ray {
     pub direction: Vec3,
 }
 
+/// Grid of pixels, each way, at which a projection is checked, and by how many pixels it may miss one.
+const CHECKED: usize = 16;
+const LOST_PX: f64 = 0.01;
+
 impl Projection {
     /// The ray through pixel coordinates (x, y).
     pub fn ray(&self, x: f64, y: f64) -> Ray {
@@ -57,6 +61,19 @@ impl Projection {
                 Ray { origin: Vec3::new(x * mm_per_px, y * mm_per_px, 0.0), direction: Vec3::z() }
             }
         }
+    }
+
+    /// The first of some pixels of a frame whose ray does not lead back to it: there the distortion has no inverse.
+    pub fn lost_pixel(&self, width: usize, height: usize) -> Option<[f64; 2]> {
+        let step = |i: usize, size: usize| (i as f64 / CHECKED as f64) * size as f64;
+        let lost = |&[x, y]: &[f64; 2]| {
+            let ray = self.ray(x, y);
+            let back = self.project(&(ray.origin + ray.direction));
+            // A ray that is not a number leads nowhere.
+            !((back[0] - x).abs() < LOST_PX && (back[1] - y).abs() < LOST_PX)
+        };
+        let grid = (0..=CHECKED).flat_map(|j| (0..=CHECKED).map(move |i| [step(i, width), step(j, height)]));
+        grid.into_iter().find(|pixel| lost(pixel))
     }
 
     /// Pixel coordinates of a point in front of the camera.

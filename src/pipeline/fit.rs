@@ -9,7 +9,7 @@ use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Se
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::directions::Tilt;
 use crate::numerics::fit::observations::{Observations, Scene};
-use crate::numerics::fit::quality::judge_left_out;
+use crate::numerics::fit::quality::{Quality, judge_left_out};
 use crate::numerics::fit::solver::Termination;
 use crate::numerics::fit::uncertainty::Uncertainty;
 use std::ops::ControlFlow;
@@ -156,6 +156,7 @@ fn run(
         warnings: inputs::dark_lights(&all)
             .into_iter()
             .chain(inputs::left_out_twins(&all, &options.leave_out))
+            .chain(left_out.and_then(|left_out| far_worse(&left_out, &judged.quality)))
             .chain(judged.warnings.iter().cloned())
             .collect(),
         notes: judged.solution.notes.clone(),
@@ -180,6 +181,19 @@ fn run(
         mixture: judged.solution.mixture,
         uncertainty: judged.uncertainty,
         size,
+    })
+}
+
+/// Left-out lights predicted by so much worse than the fitted ones are a warning; errors below the second are rounding.
+const FAR_WORSE: (f64, f64) = (3.0, 1e-3);
+
+/// What errors on left-out lights far above those of the fit say.
+fn far_worse(left_out: &Quality, fitted: &Quality) -> Option<String> {
+    let times = left_out.mean_relative_error / fitted.mean_relative_error.max(FAR_WORSE.1);
+    (times > FAR_WORSE.0).then(|| {
+        format!(
+            "left-out lights are predicted {times:.0} times worse than fitted ones are explained: do not relight with this material"
+        )
     })
 }
 

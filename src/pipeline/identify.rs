@@ -1,5 +1,6 @@
 //! Which parameters the data determine, and why not.
 
+use super::inputs::FEW_PLACES;
 use super::report::{Identified, MaterialReport, Parameter, shares};
 use crate::numerics::brdf::Material;
 use crate::numerics::fit::kernel::PER_MATERIAL;
@@ -12,8 +13,11 @@ use crate::numerics::fit::{BETA_RANGE, Mixture};
 /// A standard error above this part of the value makes a parameter weak, above the value itself unidentified.
 const WEAK_ERROR: f64 = 0.25;
 
-/// A weight above this counts as presence of a material.
+/// A weight above this part of the material's [`FEW_POINTS`]-th largest counts as presence.
 const PRESENT: f64 = 0.05;
+
+/// The largest weight stands alone when it exceeds the [`FEW_POINTS`]-th largest by this factor.
+const ALONE: f64 = 5.0;
 
 /// Samples near the half vector below which a lobe is narrower than the points lie apart.
 const LEAST_NEAR: usize = 60;
@@ -35,9 +39,13 @@ pub const FEW_POINTS: usize = 20;
 pub struct Evidence {
     /// Points fitted to.
     pub points: usize,
+    /// Materials fitted.
+    pub materials: usize,
+    /// Places in which the lights stand.
+    pub places: usize,
     /// False when the solver was still gaining.
     pub converged: bool,
-    /// True when left-out lights are predicted as well with one material fewer.
+    /// True when one material fewer serves as well.
     pub superfluous: bool,
     /// Chi^2 over degrees of freedom.
     pub reduced_chi2: f64,
@@ -59,7 +67,7 @@ pub fn describe(
 ) -> Vec<MaterialReport> {
     let share = shares(mixture);
     let general = general_doubt(evidence);
-    let seen = Seen::of(observations);
+    let seen = Seen::of(observations, evidence.places);
     (0..mixture.materials.len())
         .map(|m| {
             let material = &mixture.materials[m];
@@ -85,7 +93,10 @@ pub fn describe(
             if task.colour == Colour::None || !task.lobe.has_lobe() {
                 return MaterialReport { share: share[m], rho_d, rho_s: Vec::new(), beta: None };
             }
-            let rho_s = (0..3).map(|c| parameter(3 + c, material.rho_s[c])).collect();
+            let mut rho_s: Vec<Parameter> = (0..3).map(|c| parameter(3 + c, material.rho_s[c])).collect();
+            if let Some(doubt) = beta_edge(material) {
+                rho_s.iter_mut().for_each(|albedo| lower(albedo, &doubt));
+            }
             let mut beta = parameter(6, material.beta);
             beta.standard_error = uncertainty.alpha[m * PER_MATERIAL + 6].map(|sigma| sigma * material.beta);
             if let Some(doubt) = beta_doubt(material, uncertainty.alpha[m * PER_MATERIAL + 6]) {
@@ -141,8 +152,15 @@ fn general_doubt(evidence: &Evidence) -> Option<Doubt> {
         return Some((Identified::Unidentified, reason));
     }
     if evidence.superfluous {
-        let reason = "left-out lights do not need this many materials: the split is not determined";
+        let reason = "the data do not need this many materials: the split is not determined";
         return Some((Identified::Unidentified, reason.to_owned()));
+    }
+    if evidence.places < 2 && evidence.materials > 1 {
+        return Some((Identified::Unidentified, "one light does not tell materials from weights".to_owned()));
+    }
+    if evidence.places < FEW_PLACES {
+        let reason = format!("lights in fewer than {FEW_PLACES} places: it rests on the model being exact");
+        return Some((Identified::Weak, reason));
     }
     if !evidence.converged {
         return Some((Identified::Weak, "the solver was still gaining at its iteration limit".to_owned()));
@@ -157,13 +175,21 @@ fn general_doubt(evidence: &Evidence) -> Option<Doubt> {
     })
 }
 
+/// What a roughness at the edge of its range makes of the whole lobe.
+fn beta_edge(material: &Material) -> Option<Doubt> {
+    let within = BETA_RANGE[0] * 1.0001..BETA_RANGE[1] * 0.9999;
+    (!within.contains(&material.beta)).then(|| {
+        let reason = format!("beta stands at the edge of its range, {} to {}", BETA_RANGE[0], BETA_RANGE[1]);
+        (Identified::Unidentified, reason)
+    })
+}
+
 fn beta_doubt(material: &Material, error: Option<f64>) -> Option<Doubt> {
     if material.rho_s.iter().all(|&s| s <= 0.0) {
         return Some((Identified::Unidentified, "the material has no specular part".to_owned()));
     }
-    if material.beta <= BETA_RANGE[0] * 1.0001 || material.beta >= BETA_RANGE[1] * 0.9999 {
-        let reason = format!("beta stands at the edge of its range, {} to {}", BETA_RANGE[0], BETA_RANGE[1]);
-        return Some((Identified::Unidentified, reason));
+    if let Some(doubt) = beta_edge(material) {
+        return Some(doubt);
     }
     let error = error.filter(|sigma| *sigma > WEAK_ERROR)?;
     Some((Identified::Weak, format!("the standard error of ln(beta) is {error:.2}")))
@@ -194,28 +220,58 @@ fn twin_of(task: &Task, materials: &[Material], m: usize) -> Option<Doubt> {
     doubt
 }
 
+/// The [`FEW_POINTS`]-th largest weight of a material, or the smallest where it has fewer: single points may be wrong.
+fn common_peak(mixture: &Mixture, m: usize) -> f64 {
+    let mut weights: Vec<f64> = (0..mixture.gamma.len() / mixture.materials.len().max(1))
+        .map(|point| mixture.weights_of(point)[m])
+        .filter(|&weight| weight > 0.0)
+        .collect();
+    let nth = FEW_POINTS.min(weights.len()).saturating_sub(1);
+    if weights.is_empty() {
+        return 0.0;
+    }
+    *weights.select_nth_unstable_by(nth, |a, b| b.total_cmp(a)).1
+}
+
+/// A warning for every material whose scale rests on a single point.
+pub fn lone_peaks(mixture: &Mixture, observations: &Observations) -> Vec<String> {
+    let lone = |m: usize| {
+        let weight = |point: usize| mixture.weights_of(point)[m];
+        let at = (0..observations.points()).max_by(|&a, &b| weight(a).total_cmp(&weight(b)))?;
+        let times = weight(at) / common_peak(mixture, m);
+        (times.is_finite() && times > ALONE).then(|| {
+            let (name, pixel) = (m + 1, observations.pixel[at]);
+            format!(
+                "material {name}: its scale rests on pixel {pixel} alone, whose weight is {times:.0} times that of the rest: mask that pixel if it is hot or not of the object"
+            )
+        })
+    };
+    (0..mixture.materials.len()).filter_map(lone).collect()
+}
+
 /// What was seen of lobes at all.
 struct Seen {
-    lights: usize,
+    places: usize,
     highlights: usize,
 }
 
 impl Seen {
-    fn of(observations: &Observations) -> Self {
+    fn of(observations: &Observations, places: usize) -> Self {
         let highlights = observations.all().filter(|s| s.angles.half_angle() < HIGHLIGHT_HALF_ANGLE).count();
-        Self { lights: observations.lights_in_use().len(), highlights }
+        Self { places, highlights }
     }
 }
 
 /// What keeps the lobe of material `m` from being determined.
 fn lobe_doubt(mixture: &Mixture, m: usize, observations: &Observations, seen: &Seen) -> Option<Doubt> {
     let reach = 2.0 * mixture.materials[m].beta;
+    let present = PRESENT * common_peak(mixture, m);
     let near = (0..observations.points())
-        .filter(|&point| mixture.weights_of(point)[m] > PRESENT)
+        .filter(|&point| mixture.weights_of(point)[m] > present)
         .flat_map(|point| observations.of(point))
         .filter(|sample| sample.angles.tan2_half.sqrt() < reach)
         .count();
-    if seen.lights < 2 {
+    if seen.places < 2 {
         let reason = "one light does not tell a lobe from the weights";
         return Some((Identified::Unidentified, reason.to_owned()));
     }

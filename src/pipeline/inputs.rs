@@ -4,9 +4,12 @@ use super::fit::FitError;
 use crate::numerics::brdf::lambert::Lambert;
 use crate::numerics::fit::observations::{MAX_LIGHTS, Observations, Sample};
 use crate::numerics::fit::selection::{Wishes, carried};
-use crate::numerics::fit::twins::twins;
+use crate::numerics::fit::twins::{places, twins};
 use crate::numerics::fit::unknowns::Colour;
 use rayon::prelude::*;
+
+/// Places of lights below which no light tests what the others say.
+pub const FEW_PLACES: usize = 3;
 
 /// Refuses observations without samples, and the first sample that no fit can use.
 ///
@@ -100,11 +103,14 @@ pub fn lights(observations: &Observations) -> Vec<String> {
     let twins = twins(observations);
     if !twins.is_empty() {
         let lights = twins.iter().map(|(a, b)| format!("{a} and {b}")).collect::<Vec<String>>().join(", ");
-        warnings.push(format!("lights {lights} stand in the same place: they are left out together and count as one"));
+        warnings.push(format!(
+            "lights {lights} stand in the same place, or cannot be told apart on this object: they are left out together and count as one"
+        ));
     }
-    // Each light that repeats an earlier one stands once in the list.
-    if observations.lights_in_use().len().saturating_sub(twins.len()) < 3 {
-        warnings.push("fewer than three lights: the materials are not determined".to_owned());
+    if places(observations) < FEW_PLACES {
+        warnings.push(format!(
+            "lights in fewer than {FEW_PLACES} places: the materials rest on the model being exact, nothing tests it"
+        ));
     }
     warnings
 }

@@ -10,6 +10,7 @@ use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::{Quality, judge_all};
 use crate::numerics::fit::selection::{Candidate, Wishes, select};
 use crate::numerics::fit::solver::{Solution, Task, Termination};
+use crate::numerics::fit::twins::places;
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
 use crate::numerics::fit::{Mixture, gauge, varpro};
 use std::time::Instant;
@@ -104,6 +105,8 @@ pub(super) fn judge(
     let reduced_chi2 = reduced_chi2(&task, &solution.mixture, fitted, quality.chi2);
     let evidence = Evidence {
         points: fitted.points(),
+        materials: task.materials,
+        places: places(fitted),
         converged: solution.termination == Termination::Converged,
         superfluous: superfluous(&candidates),
         reduced_chi2,
@@ -137,22 +140,22 @@ fn choose(
     if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
 }
 
-/// True when left-out lights are predicted as well with one material fewer.
+/// True when left-out lights are predicted as well with one material fewer; where none can be left out, when BIC asks for that.
 fn superfluous(candidates: &[Candidate]) -> bool {
-    let error = |c: &Candidate| c.left_out.map(|errors| errors.overall);
-    let taken = candidates.iter().find(|c| c.taken);
-    taken.is_some_and(|taken| {
-        let fewer =
-            candidates.iter().find(|c| c.materials + 1 == taken.materials && c.lobe.name() == taken.lobe.name());
-        fewer.and_then(error).zip(error(taken)).is_some_and(|(fewer, taken)| fewer <= taken * (1.0 + SUPERFLUOUS))
+    let Some(taken) = candidates.iter().find(|c| c.taken) else { return false };
+    let alike = |c: &&Candidate| c.materials + 1 == taken.materials && c.lobe.name() == taken.lobe.name();
+    candidates.iter().find(alike).is_some_and(|fewer| match (fewer.left_out, taken.left_out) {
+        (Some(fewer), Some(taken)) => fewer.overall <= taken.overall * (1.0 + SUPERFLUOUS),
+        _ => fewer.bic <= taken.bic,
     })
 }
 
 /// Chi^2 over degrees of freedom, for a mixture that was asked for by `task` and leaves `chi2`.
 pub fn reduced_chi2(task: &Task, mixture: &Mixture, observations: &Observations, chi2: f64) -> f64 {
     let free_weights = mixture.gamma.iter().filter(|&&g| g > 0.0).count();
-    let unknowns = free_weights + task.materials * (task.colour.unknowns() - 1);
-    chi2 / (3 * observations.samples()).saturating_sub(unknowns).max(1) as f64
+    let channels = observations.channels();
+    let unknowns = free_weights + task.materials * (task.colour.unknowns(channels) - 1);
+    chi2 / (3 * observations.samples()).saturating_sub(3 / channels * unknowns).max(1) as f64
 }
 
 /// What a reader must be warned of, whatever else was tried.
@@ -180,6 +183,7 @@ pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi
         ));
     }
     warnings.extend(inputs::lights(observations));
+    warnings.extend(identify::lone_peaks(&solution.mixture, observations));
     warnings
 }
 
@@ -192,7 +196,7 @@ fn warnings_about(
     let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
     if evidence.superfluous {
         warnings.push(
-            "left-out lights are predicted as well or better with one material fewer: one of the materials is a ghost"
+            "left-out lights (or BIC, where none can be left out) are served as well with one material fewer: one of the materials is a ghost"
                 .to_owned(),
         );
     }

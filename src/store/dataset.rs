@@ -91,6 +91,12 @@ fn read_description(directory: &Path) -> Result<(Geometry, Samples), DatasetErro
     let described = read_text(&path)
         .and_then(|text| parse(&text))
         .map_err(|reasons| DatasetError { path: path.display().to_string(), reasons })?;
+    if let Some([x, y]) = described.projection.lost_pixel(described.size.0, described.size.1) {
+        let reason = format!(
+            "camera.distortion has no inverse at pixel ({x:.0}, {y:.0}) of the frame: check the coefficients k1 k2 p1 p2 k3 and focal_px"
+        );
+        return Err(error(&path, reason));
+    }
     let object = read_object(directory, &described).map_err(|reason| error(&path, reason))?;
     let mask = described.mask.map(|mask| picture::read_mask(&directory.join(mask), described.size));
     let geometry = Geometry {

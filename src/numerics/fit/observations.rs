@@ -109,6 +109,17 @@ impl Observations {
         self.samples
     }
 
+    /// Channels that say something of their own: 1 where all three hold the same radiances, as a grey picture's do; else 3.
+    pub fn channels(&self) -> usize {
+        let grey = |row: &Row| row.radiance[0] == row.radiance[1] && row.radiance[0] == row.radiance[2];
+        if self.rows.iter().all(grey) { 1 } else { 3 }
+    }
+
+    /// Independent residuals of a fit: samples times [`Self::channels`].
+    pub fn residuals(&self) -> usize {
+        self.channels() * self.samples
+    }
+
     /// Number of blocks of points.
     pub fn blocks(&self) -> usize {
         self.first.len()

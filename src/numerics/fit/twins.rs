@@ -31,6 +31,12 @@ pub fn twins(observations: &Observations) -> Vec<(usize, usize)> {
     (0..observations.lights).filter_map(twin_of).collect()
 }
 
+/// Places in which lights with samples stand.
+pub fn places(observations: &Observations) -> usize {
+    // Each light that repeats an earlier one stands once among the twins.
+    observations.lights_in_use().len().saturating_sub(twins(observations).len())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -49,8 +49,10 @@ pub fn uncertainty(
     let normal = unknowns.reduce(&kernel::normal(&prepared, &mixture.materials, sign));
     let free_weights = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();
     let scatter = Scatter::of(recipe, mixture, observations);
+    // Channels that repeat one another add to all sums, but tell nothing.
+    let copies = 3 / observations.channels();
     // The normal matrix is in prepared units, the residuals are not.
-    let scale = scatter.scale(free_weights + unknowns.count()) / prepared.unit2.sqrt();
+    let scale = scatter.scale(copies * (free_weights + unknowns.count())) * (copies as f64 / prepared.unit2).sqrt();
     let (sigma, loose, least_eigenvalue) = standard_errors(&normal.hessian, &unknowns.at_bound(), scale);
     let place = |list: &[f64], i: usize| unknowns.place(i / PER_MATERIAL, i % PER_MATERIAL).map(|p| list[p]);
     let parameters = 0..PER_MATERIAL * mixture.materials.len();

@@ -27,12 +27,12 @@ impl Colour {
         Self::ALL[self as usize].0
     }
 
-    /// Unknowns of a material, one of them the gauge.
-    pub fn unknowns(self) -> usize {
+    /// Unknowns of a material seen in 1 or 3 independent channels, one of them the gauge.
+    pub fn unknowns(self, channels: usize) -> usize {
         match self {
-            Self::None => 3,
-            Self::Achromatic => 5,
-            Self::Coloured => 7,
+            Self::None => channels,
+            Self::Achromatic => channels + 2,
+            Self::Coloured => 2 * channels + 1,
         }
     }
 }

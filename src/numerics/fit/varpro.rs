@@ -225,9 +225,10 @@ pub fn loosen(prepared: &mut Prepared, materials: &[Material], residual_variance
     prepared.loosen(&deviations, materials.len(), residual_variance);
 }
 
-/// Residuals less weights, at least 1.
+/// Residuals less weights, at least 1; each counts as often as a channel repeats another, as it does in the cost.
 pub fn degrees_of_freedom(observations: &Observations, materials: usize) -> f64 {
-    (3 * observations.samples()).saturating_sub(materials * observations.points()).max(1) as f64
+    let copies = 3 / observations.channels();
+    (3 * observations.samples()).saturating_sub(copies * materials * observations.points()).max(1) as f64
 }
 
 /// Why the parameters found with slack are not to be taken instead of those found with non-negative weights; none if they

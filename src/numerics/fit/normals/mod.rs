@@ -18,7 +18,7 @@ use super::observations::{Observations, Sample};
 use super::prepared::{Prepared, Recipe};
 use super::sampling::stratified;
 use super::solver::{OnIteration, Refusal, Solution, Solver, Task};
-use super::varpro::{AlphaFit, COARSE, finish, fit_alpha, recipe, search};
+use super::varpro::{AlphaFit, COARSE, degrees_of_freedom, finish, fit_alpha, recipe, search};
 use crate::numerics::brdf::Material;
 use point::{Pull, Refinement, Turn};
 use rayon::prelude::*;
@@ -82,12 +82,12 @@ fn alternate(
     alpha: &mut AlphaFit,
     progress: OnIteration<'_>,
 ) -> Pull {
-    let freedom = (3 * observations.samples()).saturating_sub(task.materials * observations.points()).max(1);
+    let freedom = degrees_of_freedom(observations, task.materials);
     let mut tilts = vec![[0.0; 2]; observations.points()];
     let mut iterations = alpha.found.iterations;
     let mut variance = FIRST_DEVIATION * FIRST_DEVIATION;
     let unit2 = Prepared::empty(recipe).unit2;
-    let mut pull = pull_of(alpha.found.cost * unit2 / freedom as f64, variance);
+    let mut pull = pull_of(alpha.found.cost * unit2 / freedom, variance);
     alpha.found.converged = false;
     for _ in 0..ROUNDS.0 {
         if alpha.cancelled || alpha.found.converged {
@@ -101,7 +101,7 @@ fn alternate(
         iterations += alpha.found.iterations;
         alpha.cancelled = progress(iterations, alpha.found.cost).is_break();
         variance = variance_of(&turns).unwrap_or(variance);
-        pull = pull_of(alpha.found.cost * unit2 / freedom as f64, variance);
+        pull = pull_of(alpha.found.cost * unit2 / freedom, variance);
         let near = |now: f64, before: f64| (now - before).abs() <= ROUNDS.1 * before;
         let settled = variance.sqrt() < EXACT || near(variance.sqrt(), before.1);
         alpha.found.converged = near(alpha.found.cost, before.0) && settled;

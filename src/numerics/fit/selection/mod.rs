@@ -23,6 +23,9 @@ const LOSS: f64 = 0.003;
 /// What is taken may not raise the error on left-out highlights by more than this, relative.
 const HIGHLIGHT_LOSS: f64 = 0.1;
 
+/// No freedom is worth having below this error: what is left is rounding, not the scene.
+const NEGLIGIBLE: f64 = 1e-3;
+
 /// Bayes' criterion overrules left-out lights where one more material lowers it by more than this a residual, and their error
 /// rises by less than `BEARABLE`, relative. Materials of one hue are told apart by their highlights only: the light left out is
 /// then the one that tells, and its error is no judge. Never the other way round: the criterion charges a weight a point, and
@@ -65,8 +68,9 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// Error on left-out lights, at least [`NEGLIGIBLE`].
     fn error(&self) -> f64 {
-        self.left_out.map_or(f64::INFINITY, |errors| errors.overall)
+        self.left_out.map_or(f64::INFINITY, |errors| errors.overall.max(NEGLIGIBLE))
     }
 
     /// True when this one predicts left-out lights better than `other` by the part `gain` of its error.
@@ -86,8 +90,8 @@ impl Candidate {
 /// explains the points.
 pub fn carried(observations: &Observations, materials: usize, colour: Colour, gains: bool) -> bool {
     let gains = if gains { observations.lights.saturating_sub(1) } else { 0 };
-    let unknowns = materials * (observations.points() + colour.unknowns() - 1) + gains;
-    materials <= observations.points() && unknowns <= 3 * observations.samples()
+    let of_material = observations.points() + colour.unknowns(observations.channels()) - 1;
+    materials <= observations.points() && materials * of_material + gains <= observations.residuals()
 }
 
 /// Tries what `wishes` leaves open and returns every candidate, one of them taken. Empty when the caller broke off.
@@ -109,16 +113,17 @@ fn choose(choice: &mut Choice<'_>, wishes: Wishes) -> ControlFlow<()> {
     let lobe = wishes.lobe.unwrap_or(&brdf::ward::Ward);
     let colour = wishes.colour.unwrap_or(Colour::Coloured);
     choice.first(wishes.materials.unwrap_or(1), lobe, colour)?;
-    match wishes.materials {
-        None => choice.more_materials()?,
-        Some(materials) if materials > 1 => choice.one_fewer()?,
-        Some(_) => {}
+    if wishes.materials.is_none() {
+        choice.more_materials()?;
     }
     if wishes.lobe.is_none() {
         choice.other_models(wishes.materials.is_none())?;
     }
     if wishes.colour.is_none() {
         choice.simpler_lobes()?;
+    }
+    if wishes.materials.is_some_and(|materials| materials > 1) {
+        choice.one_fewer()?;
     }
     match wishes.gains {
         Some(false) => ControlFlow::Continue(()),
@@ -140,7 +145,7 @@ impl Choice<'_> {
 
     /// Residuals that candidates are judged by.
     fn residuals(&self) -> f64 {
-        (3 * self.scene.points.samples()) as f64
+        self.scene.points.residuals() as f64
     }
 
     fn first(&mut self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> ControlFlow<()> {
@@ -258,7 +263,8 @@ fn unless_overruled(
     move |new, old| {
         let adds = new.materials > old.materials;
         let (more, fewer) = if adds { (new, old) } else { (old, new) };
-        let decisive = more.bic - fewer.bic < -BIC_TAKES * residuals && more.error() < fewer.error() * (1.0 + BEARABLE);
+        let needed = fewer.error() > NEGLIGIBLE && more.error() < fewer.error() * (1.0 + BEARABLE);
+        let decisive = needed && more.bic - fewer.bic < -BIC_TAKES * residuals;
         match predicts(new, old) {
             Err(refused) if decisive && adds => {
                 Ok(format!("{refused}, but taken: BIC is decisive ({:+.0})", new.bic - old.bic))

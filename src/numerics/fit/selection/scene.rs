@@ -72,10 +72,12 @@ impl Scene {
         let (mixture, cost) = self.fit(points, &recipe, materials, colour);
         let refit = |rest: &Prepared| search(rest, &mixture.materials, colour, Sign::NonNegative, FOLD_STOP).materials;
         let left_out = predicted(folds, &recipe, refit);
-        let residuals = (3 * points.samples()) as f64;
+        let (channels, residuals) = (points.channels(), points.residuals() as f64);
         let in_use = mixture.gamma.iter().filter(|&&gamma| gamma > 0.0).count();
-        let unknowns = in_use + materials * (colour.unknowns() - 1) + gains.as_ref().map_or(0, |g| g.len() - 1);
-        let bic = residuals * (cost / residuals).max(f64::MIN_POSITIVE).ln() + unknowns as f64 * residuals.ln();
+        let of_materials = materials * (colour.unknowns(channels) - 1);
+        let unknowns = in_use + of_materials + gains.as_ref().map_or(0, |g| g.len() - 1);
+        let mean_cost = (cost / (3 * points.samples()) as f64).max(f64::MIN_POSITIVE);
+        let bic = residuals * mean_cost.ln() + unknowns as f64 * residuals.ln();
         Candidate { materials, lobe, colour, gains, left_out, bic, taken: false, reason: String::new() }
     }
 
