@@ -33,3 +33,14 @@ pub struct RadianceImage {
     /// False where the value must not be used: clipped in every exposure, too dark, or outside the image's data.
     pub valid: Image<bool>,
 }
+
+impl RadianceImage {
+    /// An image of nothing, with room for a variance: no pixel is valid.
+    pub fn empty(width: usize, height: usize) -> Self {
+        Self {
+            radiance: Image::filled(width, height, [0.0; 3]),
+            variance: Some(Image::filled(width, height, [0.0; 3])),
+            valid: Image::filled(width, height, false),
+        }
+    }
+}
