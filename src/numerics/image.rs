@@ -21,6 +21,11 @@ impl<T: Clone> Image<T> {
     pub fn at(&self, x: usize, y: usize) -> &T {
         &self.pixels[y * self.width + x]
     }
+
+    /// The pixels of row `y`.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.pixels[y * self.width..][..self.width]
+    }
 }
 
 /// Linear RGB radiance with what is known of its uncertainty.

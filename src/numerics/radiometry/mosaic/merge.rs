@@ -19,8 +19,9 @@ const FADING: (f32, f32) = (0.95, super::CLIPPED as f32);
 
 /// A raw bracket ready to give its radiance strip by strip. Radiance 1 saturates a photosite in one second.
 ///
-/// A pixel is valid if each of its four photosites has a frame in which neither it nor a neighbour is clipped, and every channel is
-/// above its own standard error. Where photosites are clipped throughout, the value is the nearest bound known, with a variance as
+/// A frame is open to a photosite unless it is clipped there, or a neighbour overflows and may spill: one that is clipped in the next
+/// shorter frame already (of the shortest: in itself). A pixel is valid if each of its four photosites has an open frame, and every
+/// channel is above its own standard error. Where photosites are clipped throughout, the value is the nearest bound known, with a variance as
 /// large as its square; where it is too dark, value and variance are those merged. Rows are independent of each other: neither
 /// strips nor threads change a bit.
 pub struct RawMerger<'a> {
@@ -84,7 +85,7 @@ impl<'a> RawMerger<'a> {
 
     /// The photosites of one row of the mosaic.
     fn line(&self, y: usize) -> Vec<Site> {
-        let samples: Vec<Samples> = self.bracket.frames.iter().zip(&self.frames).map(|(f, s)| s.row(f, y)).collect();
+        let samples: Vec<Samples> = (0..self.frames.len()).map(|frame| self.samples(frame, y)).collect();
         let width = self.bracket.frames[0].counts.width;
         let mut sums = Sums::none(width);
         for (sampling, samples) in self.frames.iter().zip(&samples) {
@@ -117,6 +118,25 @@ impl<'a> RawMerger<'a> {
         (0..width).map(site).collect()
     }
 
+    fn samples(&self, frame: usize, y: usize) -> Samples {
+        let signal = &self.frames[frame].signal;
+        let counts = self.bracket.frames[frame].counts.row(y);
+        let spills = self.overflowing(frame.saturating_sub(1), y);
+        let at = |x: usize| signal.at(counts[x], 2 * (y % 2) + x % 2);
+        let open = |x: usize| f32::from(u8::from(counts[x] < signal.clipped && !spills[x]));
+        Samples { signal: (0..counts.len()).map(at).collect(), open: (0..counts.len()).map(open).collect() }
+    }
+
+    /// Where in a row the photosite or one of its eight neighbours is clipped in a frame.
+    fn overflowing(&self, frame: usize, y: usize) -> Vec<bool> {
+        let counts = &self.bracket.frames[frame].counts;
+        let [above, own, below] = [y.saturating_sub(1), y, (y + 1).min(counts.height - 1)].map(|y| counts.row(y));
+        let highest: Vec<u16> = (0..counts.width).map(|x| above[x].max(own[x]).max(below[x])).collect();
+        let around =
+            |x: usize| highest[x.saturating_sub(1)].max(highest[x]).max(highest[(x + 1).min(counts.width - 1)]);
+        (0..counts.width).map(|x| around(x) >= self.frames[frame].signal.clipped).collect()
+    }
+
     /// Variances of sums of signals over sums of times.
     fn poisson_variances(&self, sums: &Sums, samples: &[Samples]) -> Vec<f32> {
         let variance = |x: usize| {
@@ -127,26 +147,10 @@ impl<'a> RawMerger<'a> {
     }
 }
 
-/// A row of a frame: signals, and 1 where they are open, 0 where they or a neighbour are clipped.
+/// A row of a frame: signals, and 1 where they are open, 0 elsewhere.
 struct Samples {
     signal: Vec<f32>,
     open: Vec<f32>,
-}
-
-impl Sampling {
-    fn row(&self, frame: &RawFrame, y: usize) -> Samples {
-        let counts = &frame.counts;
-        let width = counts.width;
-        let row = |y: usize| &counts.pixels[y * width..][..width];
-        let (above, own, below) = (row(y.saturating_sub(1)), row(y), row((y + 1).min(counts.height - 1)));
-        let highest: Vec<u16> = (0..width).map(|x| above[x].max(own[x]).max(below[x])).collect();
-        let open = |x: usize| {
-            let around = highest[x.saturating_sub(1)].max(highest[x]).max(highest[(x + 1).min(width - 1)]);
-            f32::from(u8::from(around < self.signal.clipped))
-        };
-        let signal = |x: usize| self.signal.at(own[x], 2 * (y % 2) + x % 2);
-        Samples { signal: (0..width).map(signal).collect(), open: (0..width).map(open).collect() }
-    }
 }
 
 /// Sums over the frames by photosite of a row.

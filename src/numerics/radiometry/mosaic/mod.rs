@@ -168,7 +168,7 @@ impl Signal {
         (f32::from(count) - self.black[place]) * self.per_count[place]
     }
 
-    /// Whether the sample or one of its eight neighbours is clipped: a full photosite spills into the next.
+    /// Whether the sample or one of its eight neighbours is clipped.
     fn clipped_near(&self, frame: &RawFrame, x: usize, y: usize) -> bool {
         let around = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
         let (columns, rows) = (around(x, frame.counts.width), around(y, frame.counts.height));
