@@ -50,9 +50,8 @@ impl<'a> RawMerger<'a> {
         };
         let full_well_e = bracket.converter.full_well_e;
         let sampling = |frame: &RawFrame| {
-            let noise = frame.black.noise * bracket.electrons_per_count(frame) / full_well_e;
-            let signal = Signal::of(frame, bracket.converter.white);
-            Sampling { signal, time: frame.time_s as f32, read_variance: (noise * noise) as f32 }
+            let noise = frame.black.noise / bracket.range();
+            Sampling { signal: bracket.signal(frame), time: frame.time_s as f32, read_variance: (noise * noise) as f32 }
         };
         let frames = bracket.frames.iter().map(sampling).collect();
         Some(Self { bracket, frames, rounds, electron: (1.0 / full_well_e) as f32 })

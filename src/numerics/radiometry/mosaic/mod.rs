@@ -112,15 +112,26 @@ impl RawBracket {
     pub fn noise(&self) -> SensorNoise {
         let squares: f64 = self.frames.iter().map(|frame| frame.black.noise.powi(2)).sum();
         let counts = (squares / self.frames.len() as f64).sqrt();
-        SensorNoise {
-            full_well_e: self.converter.full_well_e,
-            read_noise_e: counts * self.electrons_per_count(&self.frames[0]),
-        }
+        SensorNoise { full_well_e: self.converter.full_well_e, read_noise_e: counts * self.electrons_per_count() }
     }
 
-    fn electrons_per_count(&self, frame: &RawFrame) -> f64 {
-        let black = frame.black.level.iter().sum::<f64>() / PLACES as f64;
-        self.converter.full_well_e / (f64::from(self.converter.white) - black)
+    /// Counts from black to white. One number for all frames: the black level drifts, the converter's gain does not.
+    fn range(&self) -> f64 {
+        let blacks = self.frames.iter().flat_map(|frame| frame.black.level).sum::<f64>();
+        f64::from(self.converter.white) - blacks / (PLACES * self.frames.len()) as f64
+    }
+
+    fn electrons_per_count(&self) -> f64 {
+        self.converter.full_well_e / self.range()
+    }
+
+    fn signal(&self, frame: &RawFrame) -> Signal {
+        let lowest = frame.black.level.iter().copied().fold(f64::INFINITY, f64::min);
+        Signal {
+            black: frame.black.level.map(|black| black as f32),
+            per_count: (1.0 / self.range()) as f32,
+            clipped: (lowest + CLIPPED * (f64::from(self.converter.white) - lowest)) as u16,
+        }
     }
 
     /// Samples of cells on a regular grid, one channel a place.
@@ -133,7 +144,7 @@ impl RawBracket {
         };
         let sample = |frame: &RawFrame, place: usize, (x, y): (usize, usize)| {
             let (x, y) = (x + place % 2, y + place / 2);
-            let signal = Signal::of(frame, self.converter.white);
+            let signal = self.signal(frame);
             if signal.clipped_near(frame, x, y) { f32::INFINITY } else { signal.at(*frame.counts.at(x, y), place) }
         };
         let of_frame = |place: usize| {
@@ -148,24 +159,14 @@ impl RawBracket {
 #[derive(Clone, Copy, Debug)]
 struct Signal {
     black: [f32; PLACES],
-    per_count: [f32; PLACES],
+    per_count: f32,
     /// From this count on a sample is clipped.
     clipped: u16,
 }
 
 impl Signal {
-    fn of(frame: &RawFrame, white: u16) -> Self {
-        let range = |black: f64| f64::from(white) - black;
-        let lowest = frame.black.level.iter().copied().fold(f64::INFINITY, f64::min);
-        Self {
-            black: frame.black.level.map(|black| black as f32),
-            per_count: frame.black.level.map(|black| (1.0 / range(black)) as f32),
-            clipped: (lowest + CLIPPED * range(lowest)) as u16,
-        }
-    }
-
     fn at(&self, count: u16, place: usize) -> f32 {
-        (f32::from(count) - self.black[place]) * self.per_count[place]
+        (f32::from(count) - self.black[place]) * self.per_count
     }
 
     /// Whether the sample or one of its eight neighbours is clipped.
