@@ -41,7 +41,7 @@ format:
 # With raw files, so that what only a build with them has is looked at as well.
 lint:
 	$(heading) 'lints'
-	@$(CARGO) clippy --quiet --workspace --all-targets --features raw -- -D warnings
+	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw -- -D warnings
 
 units:
 	$(heading) 'tests of the workspace'
@@ -49,7 +49,7 @@ units:
 
 raw-files:
 	$(heading) 'tests of Canon raw files: the feature raw'
-	@$(CARGO) test --quiet --features raw --test raw --test raw_folder
+	@$(CARGO) test --quiet --workspace --features rigd/raw --test raw --test raw_folder
 
 documentation:
 	$(heading) 'documentation of the code'
