@@ -1,5 +1,5 @@
-//! Canon raw files: decoded to the bit, merged as well as inverse variance with everything known, refused by name when damaged.
-//! No file of a real camera was at hand: they are those of a simulated EOS 5D (`cr2_camera`).
+//! Canon raw files: decoded to the bit, merged as well as inverse variance with everything known, refused by name when
+//! damaged. No file of a real camera was at hand: they are those of a simulated EOS 5D (`cr2_camera`).
 #![cfg(feature = "raw")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

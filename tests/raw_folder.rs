@@ -157,7 +157,7 @@ mod with_raw {
     }
 
     #[test]
-    #[ignore = "a minute or two, by hand: cargo test --features raw --test raw_folder -- --ignored --nocapture prints time and memory of full frames"]
+    #[ignore = "by hand, prints time and memory: cargo test --features raw --test raw_folder -- --ignored --nocapture"]
     fn ten_full_frames_are_merged_in_less_than_400_mb() {
         let folder = tempfile::tempdir().unwrap();
         let rate = |x: usize, y: usize| 3e3 * 1e3_f64.powf((x / 2 + y / 2) as f64 / 3640.0);

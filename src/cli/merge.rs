@@ -22,7 +22,8 @@ use std::path::{Path, PathBuf};
 /// Merge the frames of a folder to linear radiance: response and HDR.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Folder of JPEG, PNG or BMP frames of one bracket, or of Canon CR2 files, with exposures.toml or EXIF exposure times.
+    /// Folder of JPEG, PNG or BMP frames of one bracket, or of Canon CR2 files, with exposures.toml or EXIF exposure
+    /// times.
     #[arg(value_name = "DIR")]
     pub dir: PathBuf,
     /// Where the radiance goes; DIR/radiance.exr if left out.
@@ -43,8 +44,8 @@ fn estimator(name: &str) -> Result<Estimator, String> {
 #[error("{0}")]
 pub struct MergeInputError(String);
 
-/// An EOS 5D at ISO 100, as far as known: photographs from elsewhere say nothing of their sensor, and the weights hardly
-/// depend on it.
+/// An EOS 5D at ISO 100, as far as known: photographs from elsewhere say nothing of their sensor, and the weights
+/// hardly depend on it.
 const TYPICAL_SENSOR: SensorNoise = SensorNoise { full_well_e: 80_000.0, read_noise_e: 30.0 };
 
 /// Merges the folder, writes the EXR and says on stdout what was found.

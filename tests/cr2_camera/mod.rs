@@ -1,5 +1,6 @@
-//! CR2 files of a simulated EOS 5D, for the tests of raw frames. Written for the tests alone, after the published descriptions of
-//! the format (L. Clévy, "Inside the Canon RAW format version 2"; ITU-T T.81, annex H): it shares nothing with the decoder.
+//! CR2 files of a simulated EOS 5D, for the tests of raw frames. Written for the tests alone, after the published
+//! descriptions of the format (L. Clévy, "Inside the Canon RAW format version 2"; ITU-T T.81, annex H): it shares
+//! nothing with the decoder.
 #![allow(dead_code, missing_docs, clippy::unwrap_used)]
 
 pub mod ljpeg;
@@ -180,8 +181,8 @@ pub struct Body<'a> {
 }
 
 impl Body<'_> {
-    /// Shoots with a shutter that is open for `time_s`: photon noise, read noise, 12 bits. The black level of a place of the pattern is
-    /// not that of the others, and `black` above 128; masked photosites see read noise alone.
+    /// Shoots with a shutter that is open for `time_s`: photon noise, read noise, 12 bits. The black level of a place
+    /// of the pattern is not that of the others, and `black` above 128; masked photosites see read noise alone.
     pub fn shoot(&self, time_s: f64, black: f64, exposure: (u32, u32), seed: u64) -> Cr2 {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let (width, height) = (self.size.0 + LEFT, self.size.1 + TOP);

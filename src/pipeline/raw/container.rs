@@ -1,7 +1,7 @@
 //! The outer half of a CR2 file: a TIFF whose last directory holds the sensor's counts as one lossless JPEG.
 //!
-//! What is needed of it is found here and nothing else is handed on: MakerNote and nested directories of a damaged file never reach
-//! the decoder of the counts.
+//! What is needed of it is found here and nothing else is handed on: MakerNote and nested directories of a damaged file
+//! never reach the decoder of the counts.
 
 use super::RawError;
 use crate::pipeline::contain::contained;

@@ -1,7 +1,7 @@
 //! Canon CR2 files to a bracket of raw frames with measured times: decode, black level, exposure ratios.
 //!
-//! Frames are read one after the other; of each only the lit photosites stay in memory. An orientation is never applied: the rig's
-//! geometry is the sensor's.
+//! Frames are read one after the other; of each only the lit photosites stay in memory. An orientation is never
+//! applied: the rig's geometry is the sensor's.
 
 pub mod bodies;
 pub mod container;
@@ -23,7 +23,8 @@ use container::Container;
 pub enum RawError {
     /// The feature is not there.
     #[error(
-        "a Canon raw file, and this rigd was built without raw files: build it with `cargo build --release --features raw`"
+        "a Canon raw file, and this rigd was built without raw files: build it with \
+         `cargo build --release --features raw`"
     )]
     NotBuilt,
     /// Another kind of file.
@@ -130,7 +131,8 @@ impl RawFolder {
         let (first, first_iso) = *self.shot.get_or_insert((body, iso));
         if (first.model.as_str(), first_iso) != (body.model.as_str(), iso) {
             return Err(unusable(format!(
-                "it is of {} at ISO {iso}, the first frame of {} at ISO {first_iso}: give frames of one body and one ISO speed",
+                "it is of {} at ISO {iso}, the first frame of {} at ISO {first_iso}: give frames of one body and one \
+                 ISO speed",
                 body.model, first.model
             )));
         }
@@ -174,7 +176,8 @@ pub struct RawTimes {
     pub warnings: Vec<String>,
 }
 
-/// Measures the times of raw frames, which were the nominal ones, and gives the frames theirs. Linear frames leave no exponent open.
+/// Measures the times of raw frames, which were the nominal ones, and gives the frames theirs. Linear frames leave no
+/// exponent open.
 ///
 /// # Errors
 /// The frames do not overlap, or contradict their times.

@@ -39,7 +39,8 @@ mod wrapper {
     const SHORT: u16 = 3;
     const LONG: u16 = 4;
 
-    /// All of it up to the lossless JPEG: a directory with the model of the body, the mark of the counts, and their slices.
+    /// All of it up to the lossless JPEG: a directory with the model of the body, the mark of the counts, and their
+    /// slices.
     pub fn head(model: &str, slices: Option<[u16; 3]>) -> Vec<u8> {
         let text = |text: &str| [text.as_bytes(), b"\0"].concat();
         let (make, model) = (text("Canon"), text(model));

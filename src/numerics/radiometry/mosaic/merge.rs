@@ -1,10 +1,10 @@
-//! Merge of raw frames on the mosaic, then half-size: red, mean of both greens, blue. Nothing is interpolated, so neighbouring
-//! pixels share no noise.
+//! Merge of raw frames on the mosaic, then half-size: red, mean of both greens, blue. Nothing is interpolated, so
+//! neighbouring pixels share no noise.
 //!
-//! A photosite of radiance X has the signal X t with the variance X t e + r^2 (photons; e is one electron, r the read noise). Its
-//! estimate starts from the sum of signals over the sum of times and takes inverse-variance weights of the estimate itself, three
-//! times over (the form of Granados et al. 2010 and Hasinoff et al. 2010): weights of the estimate do not bias it as weights of the
-//! noisy sample would. Counts below black stay negative.
+//! A photosite of radiance X has the signal X t with the variance X t e + r^2 (photons; e is one electron, r the read
+//! noise). Its estimate starts from the sum of signals over the sum of times and takes inverse-variance weights of the
+//! estimate itself, three times over (the form of Granados et al. 2010 and Hasinoff et al. 2010): weights of the
+//! estimate do not bias it as weights of the noisy sample would. Counts below black stay negative.
 
 use super::super::merge::Estimator;
 use super::{PLACES, RawBracket, RawFrame, Signal};
@@ -13,17 +13,17 @@ use rayon::prelude::*;
 
 /// Rounds of weights and estimate.
 const ROUNDS: usize = 3;
-/// Trust in a frame fades out between these signals as estimated. Were samples only cut off where they clip, noise would choose
-/// among those near it.
+/// Trust in a frame fades out between these signals as estimated. Were samples only cut off where they clip, noise
+/// would choose among those near it.
 const FADING: (f32, f32) = (0.95, super::CLIPPED as f32);
 
 /// A raw bracket ready to give its radiance strip by strip. Radiance 1 saturates a photosite in one second.
 ///
-/// A frame is open to a photosite unless it is clipped there, or a neighbour overflows and may spill: one that is clipped in the next
-/// shorter frame already (of the shortest: in itself). A pixel is valid if each of its four photosites has an open frame, and every
-/// channel is above its own standard error. Where photosites are clipped throughout, the value is the nearest bound known, with a variance as
-/// large as its square; where it is too dark, value and variance are those merged. Rows are independent of each other: neither
-/// strips nor threads change a bit.
+/// A frame is open to a photosite unless it is clipped there, or a neighbour overflows and may spill: one that is
+/// clipped in the next shorter frame already (of the shortest: in itself). A pixel is valid if each of its four
+/// photosites has an open frame, and every channel is above its own standard error. Where photosites are clipped
+/// throughout, the value is the nearest bound known, with a variance as large as its square; where it is too dark,
+/// value and variance are those merged. Rows are independent of each other: neither strips nor threads change a bit.
 pub struct RawMerger<'a> {
     bracket: &'a RawBracket,
     frames: Vec<Sampling>,

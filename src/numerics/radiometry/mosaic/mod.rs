@@ -9,7 +9,8 @@ use super::times::LinearSamples;
 use crate::numerics::image::Image;
 use black::Black;
 
-/// Places of the pattern: red, green beside red, green beside blue, blue; place of a photosite is 2 (row % 2) + column % 2.
+/// Places of the pattern: red, green beside red, green beside blue, blue; place of a photosite is 2 (row % 2) + column
+/// % 2.
 pub const PLACES: usize = 4;
 
 /// One raw frame.
@@ -44,7 +45,8 @@ pub struct RawBracket {
 /// Share of the way from black to white from which a sample is clipped: sensors bend before they saturate, and not all
 /// photosites saturate at one count.
 const CLIPPED: f64 = 0.985;
-/// Cells of two by two photosites that ratios are measured on, at most: with four places as many samples as of 8-bit frames.
+/// Cells of two by two photosites that ratios are measured on, at most: with four places as many samples as of 8-bit
+/// frames.
 const MOST_CELLS: usize = 40_000;
 
 impl RawBracket {
