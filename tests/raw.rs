@@ -156,7 +156,8 @@ fn a_bracket_merges_as_well_as_with_everything_known() {
         let best = oracle_rms(&oracle(&files, &rate), &truth, &image);
         let poisson = errors(&merged(&bracket, Estimator::Poisson), &truth).0;
         println!(
-            "{name}: rms {:.3} % (oracle {:.3} %, {:+.1} %; poisson {:.3} %), bias {:+.3} %, squared error over variance {pulls:.3}, \
+            "{name}: rms {:.3} % (oracle {:.3} %, {:+.1} %; poisson {:.3} %), bias {:+.3} %, squared error over variance \
+             {pulls:.3}, \
              {:.1} % valid, {told} ratios measured, to {:.3} %",
             100.0 * rms,
             100.0 * best,

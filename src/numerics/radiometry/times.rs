@@ -17,8 +17,7 @@ pub struct MeasuredTimes {
     pub frames: Vec<MeasuredTime>,
     /// The frame whose time is taken as expected: images give ratios only.
     pub reference: usize,
-    /// Relative standard error of the exponent that the images leave open, or that the known response has; 0 of linear
-    /// samples.
+    /// Relative standard error of the exponent that the images leave open, or that the known response has; 0 of linear samples.
     pub exponent_sigma: f64,
     /// Relative scatter of the measured about the expected times, frames that stand apart not counted.
     pub scatter: f64,
@@ -42,22 +41,20 @@ const RATIO_LEVELS: (f64, f64) = (20.0, 240.0);
 /// Pixels, counted once a channel, a frame must share with others for its time to be measured: from fewer, ratios
 /// came out half a percent off.
 const MIN_OVERLAP: usize = 1000;
-/// How far a shutter is from what it aims at or its dial says, relative: dials are up to 7 % off. Good images outweigh
-/// it by far; images that contradict one another do not.
+/// How far a shutter is from what it aims at or its dial says, relative: dials are up to 7 % off. Good images outweigh it by far;
+/// images that contradict one another do not.
 const SHUTTER: f64 = 0.03;
-/// How well a shutter and a lamp repeat a bracket, relative: frames that overlap little are held to the earlier
-/// measurement.
+/// How well a shutter and a lamp repeat a bracket, relative: frames that overlap little are held to the earlier measurement.
 const REPEATED: f64 = 0.005;
 /// Rounds of grouping, solving for the curve, solving for the times; a known curve leaves little to repeat.
 const ROUNDS: usize = 3;
 const ROUNDS_WITH_RESPONSE: usize = 2;
 
-/// The fraction of full scale that ratios are read from: below, an error of the black level counts; above, the sensor
-/// bends.
+/// The fraction of full scale that ratios are read from: below, an error of the black level counts; above, the sensor bends.
 const RATIO_SIGNALS: (f64, f64) = (0.01, 0.95);
 
-/// Linear samples of the same points in every frame: raw, black subtracted, 1 at saturation; infinite where a neighbour
-/// is clipped and may have spilt into it, so that no group of pixels mixes such samples with sound ones.
+/// Linear samples of the same points in every frame: raw, black subtracted, 1 at saturation; infinite where a neighbour is
+/// clipped and may have spilt into it, so that no group of pixels mixes such samples with sound ones.
 #[derive(Clone, Debug)]
 pub struct LinearSamples {
     /// `signals[channel][frame][point]`; as many channels as the mosaic has colours.
@@ -65,10 +62,10 @@ pub struct LinearSamples {
 }
 
 impl MeasuredTimes {
-    /// Times of 8-bit frames through a known response, next to the `expected_s` ones (seconds, in the order of the
-    /// frames): nothing but the common factor is taken from these. `exponent_sigma` is the relative standard error of
-    /// the response's exponent. With `repeated`, the reference frame of an earlier bracket whose measured times are
-    /// expected to come again, that frame keeps its own.
+    /// Times of 8-bit frames through a known response, next to the `expected_s` ones (seconds, in the order of the frames): nothing
+    /// but the common factor is taken from these. `exponent_sigma` is the relative standard error of the response's exponent. With
+    /// `repeated`, the reference frame of an earlier bracket whose measured times are expected to come again, that frame keeps its
+    /// own.
     pub fn with_response(
         bracket: &Bracket,
         expected_s: &[f64],
@@ -98,8 +95,8 @@ impl MeasuredTimes {
         self
     }
 
-    /// Times of 8-bit frames with the response unknown. The images then tell the times up to one exponent on all of
-    /// them, which is taken from the `expected_s` times (seconds, in the order of the frames), as is the common factor.
+    /// Times of 8-bit frames with the response unknown. The images then tell the times up to one exponent on all of them, which
+    /// is taken from the `expected_s` times (seconds, in the order of the frames), as is the common factor.
     pub fn without_response(bracket: &Bracket, expected_s: &[f64]) -> Result<Self, BracketError> {
         let expected = logarithms(bracket, expected_s)?;
         if expected.len() < MIN_FRAMES {
@@ -125,8 +122,8 @@ impl MeasuredTimes {
         })
     }
 
-    /// Times of linear frames next to the `expected_s` ones (seconds); no response, no exponent left open. `repeated`
-    /// as in [`MeasuredTimes::with_response`].
+    /// Times of linear frames next to the `expected_s` ones (seconds); no response, no exponent left open. `repeated` as in
+    /// [`MeasuredTimes::with_response`].
     pub fn linear(
         samples: &LinearSamples,
         expected_s: &[f64],
@@ -161,9 +158,8 @@ impl MeasuredTimes {
         self.frames.iter().map(|frame| frame.time_s).collect()
     }
 
-    /// Relative rms of the measured times about others (seconds), all frames counting: whether the images agree with
-    /// them. With `any_exponent` up to one exponent on all times, as an unknown response leaves it. None of fewer than
-    /// three measured frames.
+    /// Relative rms of the measured times about others (seconds), all frames counting: whether the images agree with them. With
+    /// `any_exponent` up to one exponent on all times, as an unknown response leaves it. None of fewer than three measured frames.
     pub fn scatter_about(&self, times_s: &[f64], any_exponent: bool) -> Option<f64> {
         let told = || (0..self.frames.len()).filter(|&i| self.frames[i].sigma.is_some());
         let measured: Vec<f64> = told().map(|i| self.frames[i].time_s.ln()).collect();
