@@ -7,14 +7,14 @@ RIGD   := $(TARGET)/release/rigd
 CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
-.PHONY: demo test packages photographs format lint units documentation no-std release simulated studies oracle golden-frames \
+.PHONY: demo test packages photographs format lint units raw-files documentation no-std release simulated studies oracle golden-frames \
 	unit-file openapi contract
 .NOTPARALLEL:
 
 demo:
 	cargo run --release -- demo
 
-test: packages photographs format lint units documentation no-std golden-frames oracle release simulated studies \
+test: packages photographs format lint units raw-files documentation no-std golden-frames oracle release simulated studies \
 		unit-file contract openapi
 	$(heading) 'all checks passed'
 
@@ -38,13 +38,18 @@ format:
 	$(heading) 'format'
 	@cargo fmt --all --check && cargo fmt --manifest-path fuzz/Cargo.toml --check
 
+# With raw files, so that what only a build with them has is looked at as well.
 lint:
 	$(heading) 'lints'
-	@$(CARGO) clippy --quiet --workspace --all-targets -- -D warnings
+	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw -- -D warnings
 
 units:
 	$(heading) 'tests of the workspace'
 	@$(CARGO) test --quiet --workspace
+
+raw-files:
+	$(heading) 'tests of Canon raw files: the feature raw'
+	@$(CARGO) test --quiet --workspace --features rigd/raw --test raw --test raw_folder
 
 documentation:
 	$(heading) 'documentation of the code'

@@ -21,6 +21,11 @@ impl<T: Clone> Image<T> {
     pub fn at(&self, x: usize, y: usize) -> &T {
         &self.pixels[y * self.width + x]
     }
+
+    /// The pixels of row `y`.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.pixels[y * self.width..][..self.width]
+    }
 }
 
 /// Linear RGB radiance with what is known of its uncertainty.
@@ -32,4 +37,15 @@ pub struct RadianceImage {
     pub variance: Option<Image<[f32; 3]>>,
     /// False where the value must not be used: clipped in every exposure, too dark, or outside the image's data.
     pub valid: Image<bool>,
+}
+
+impl RadianceImage {
+    /// An image of nothing, with room for a variance: no pixel is valid.
+    pub fn empty(width: usize, height: usize) -> Self {
+        Self {
+            radiance: Image::filled(width, height, [0.0; 3]),
+            variance: Some(Image::filled(width, height, [0.0; 3])),
+            valid: Image::filled(width, height, false),
+        }
+    }
 }

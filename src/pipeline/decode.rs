@@ -24,7 +24,7 @@ pub enum DecodeError {
     },
     /// A raw file.
     #[error(
-        "a Canon raw file: raw files are not read; set the camera to JPEG, or convert it to PNG with a known curve"
+        "a Canon raw file: only `rigd merge` reads these, a folder with nothing else in it; set the camera to JPEG"
     )]
     Raw,
     /// Larger than any camera's picture.
@@ -193,22 +193,33 @@ pub fn power_of_two_s(label: f64) -> Option<f64> {
 }
 
 fn read_exif(bytes: &[u8]) -> Option<FrameInfo> {
-    let fields = exif::Reader::new().read_from_container(&mut Cursor::new(bytes)).ok()?;
-    let value = |tag| fields.get_field(tag, exif::In::PRIMARY).map(|field| &field.value);
-    let positive = |tag| match value(tag) {
-        Some(exif::Value::Rational(v)) => v.first().map(exif::Rational::to_f64).filter(|v| v.is_finite() && *v > 0.0),
-        _ => None,
-    };
-    let time = match value(exif::Tag::DateTimeOriginal) {
-        Some(exif::Value::Ascii(text)) => text.first().map(|t| String::from_utf8_lossy(t).into_owned()),
-        _ => None,
-    };
-    Some(FrameInfo {
-        exposure_time_s: positive(exif::Tag::ExposureTime),
-        f_number: positive(exif::Tag::FNumber),
-        iso: value(exif::Tag::PhotographicSensitivity).and_then(|v| v.get_uint(0)),
-        time,
-    })
+    // One broken field of a body's own must not hide the times.
+    let reader = exif::Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(bytes));
+    let fields = reader.or_else(|error| error.distill_partial_result(|_| ())).ok()?;
+    Some(FrameInfo::of(&fields))
+}
+
+impl FrameInfo {
+    /// What these fields say.
+    pub(super) fn of(fields: &exif::Exif) -> Self {
+        let value = |tag| fields.get_field(tag, exif::In::PRIMARY).map(|field| &field.value);
+        let positive = |tag| match value(tag) {
+            Some(exif::Value::Rational(v)) => {
+                v.first().map(exif::Rational::to_f64).filter(|v| v.is_finite() && *v > 0.0)
+            }
+            _ => None,
+        };
+        let time = match value(exif::Tag::DateTimeOriginal) {
+            Some(exif::Value::Ascii(text)) => text.first().map(|t| String::from_utf8_lossy(t).into_owned()),
+            _ => None,
+        };
+        Self {
+            exposure_time_s: positive(exif::Tag::ExposureTime),
+            f_number: positive(exif::Tag::FNumber),
+            iso: value(exif::Tag::PhotographicSensitivity).and_then(|v| v.get_uint(0)),
+            time,
+        }
+    }
 }
 
 #[cfg(test)]

@@ -10,5 +10,6 @@ pub mod inputs;
 pub mod judged;
 pub mod options;
 pub mod preview;
+pub mod raw;
 pub mod relight;
 pub mod report;

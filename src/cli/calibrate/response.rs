@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 /// What a person wants to know of the times and the response, a line each.
 pub fn summary(found: &ResponseCalibration) -> String {
     let [red, green, blue] = found.active_constraints;
-    let mut text = times_table(found);
+    let mut text = times_table(&found.exposures, &found.reference);
     text += &format!("{}\n{}\n", agreement(found), found.gauge);
     text += &format!(
         "response ({:?}) from {} pixels; held up by monotony at {red} red, {green} green, {blue} blue levels of 255\n",
@@ -64,26 +64,26 @@ pub fn summary(found: &ResponseCalibration) -> String {
 }
 
 /// The three times of every frame side by side.
-pub fn times_table(found: &ResponseCalibration) -> String {
-    let wide = found.exposures.iter().map(|time| time.name.chars().count()).max().unwrap_or(0).max(5);
+pub fn times_table(exposures: &[ExposureTime], reference: &str) -> String {
+    let wide = exposures.iter().map(|time| time.name.chars().count()).max().unwrap_or(0).max(5);
     let mut text = format!("{:wide$}   nominal s  2^(k/3) s  from images s\n", "frame");
-    for time in &found.exposures {
+    for time in exposures {
         let power = time.power_of_two_s.map_or("-".into(), |t| format!("{t:.5}"));
         text += &format!(
             "{:wide$}  {:>10}  {power:>9}  {:>13}  {}\n",
             time.name,
             format!("{:.5}", time.nominal_s),
             format!("{:.5}", time.estimated_s),
-            remark(found, time)
+            remark(time, reference)
         );
     }
     text
 }
 
-fn remark(found: &ResponseCalibration, time: &ExposureTime) -> String {
+fn remark(time: &ExposureTime, reference: &str) -> String {
     match time.sigma_relative {
         None => "not measured".into(),
-        Some(_) if time.name == found.reference => "reference".into(),
+        Some(_) if time.name == reference => "reference".into(),
         Some(sigma) => {
             format!("+- {:.2} %{}", 100.0 * sigma, if time.departs { "  DEPARTS from both" } else { "" })
         }

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// The list of frames beside them.
 const LIST: &str = "exposures.toml";
+/// How the names of raw files end.
+const RAW: &str = "cr2";
 /// A larger file is no camera's frame, bytes.
 const MAX_FILE: u64 = 256 << 20;
 
@@ -23,9 +25,40 @@ pub(super) struct Folder {
 /// A file with its exposure time.
 pub(super) struct Frame {
     pub name: String,
-    pub bytes: Vec<u8>,
+    path: PathBuf,
     /// Nominal, seconds.
     pub time_s: f64,
+}
+
+impl Frame {
+    /// The bytes of the file.
+    pub fn read(&self) -> Result<Vec<u8>, MergeInputError> {
+        read_file(&self.path)
+    }
+
+    fn is_raw(&self) -> bool {
+        ending(&self.path) == RAW
+    }
+}
+
+impl Folder {
+    /// Whether the frames are raw files.
+    ///
+    /// # Errors
+    /// Some are and some are not.
+    pub fn is_raw(&self, dir: &Path) -> Result<bool, MergeInputError> {
+        let all = || self.frames.iter().chain(&self.dark).chain(&self.flat);
+        let (raw, other) = (all().find(|frame| frame.is_raw()), all().find(|frame| !frame.is_raw()));
+        match (raw, other) {
+            (Some(raw), Some(other)) => Err(MergeInputError(format!(
+                "{}: {} is a raw file, {} is not: keep one kind in the folder, or list it in {LIST}",
+                dir.display(),
+                raw.name,
+                other.name
+            ))),
+            (raw, _) => Ok(raw.is_some()),
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -78,11 +111,12 @@ fn listed(dir: &Path, list: &Path) -> Result<Folder, MergeInputError> {
     let parsed: ExposureList = toml::from_str(&text)
         .map_err(|e| refuse(format!("{e}; write one [[frame]] with file = \"...\" and time_s = seconds per frame")))?;
     let files = |listed: Vec<ListedFrame>| {
-        let file = |ListedFrame { file, time_s }: ListedFrame| {
-            let bytes = read_file(&dir.join(&file))?;
-            Ok(Frame { name: file.display().to_string(), bytes, time_s })
+        let file = |ListedFrame { file, time_s }: ListedFrame| Frame {
+            name: file.display().to_string(),
+            path: dir.join(&file),
+            time_s,
         };
-        listed.into_iter().map(file).collect::<Result<Vec<_>, MergeInputError>>()
+        listed.into_iter().map(file).collect()
     };
     let reference = parsed.reference_patch.map(|ListedPatch { x, y, width, height, radiance }| Reference {
         patch: Patch { x, y, width, height },
@@ -93,7 +127,7 @@ fn listed(dir: &Path, list: &Path) -> Result<Folder, MergeInputError> {
             "reference_patch: radiance must be three positive numbers: take those rigd merge prints".into(),
         ));
     }
-    Ok(Folder { frames: files(parsed.frame)?, dark: files(parsed.dark)?, flat: files(parsed.flat)?, reference })
+    Ok(Folder { frames: files(parsed.frame), dark: files(parsed.dark), flat: files(parsed.flat), reference })
 }
 
 /// Every picture of the folder, with the time of its EXIF.
@@ -103,22 +137,20 @@ fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(dir).map_err(unreadable)? {
         let path = entry.map_err(unreadable)?.path();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if ["jpg", "jpeg", "png", "bmp"].contains(&ending.as_str()) {
+        if [RAW, "jpg", "jpeg", "png", "bmp"].contains(&ending(&path).as_str()) {
             paths.push(path);
         }
     }
     if paths.is_empty() {
-        return Err(refuse("no .jpg, .png or .bmp file in it: give a folder of frames".into()));
+        return Err(refuse("no .jpg, .png, .bmp or .cr2 file in it: give a folder of frames".into()));
     }
     paths.sort();
     let mut frames = Vec::new();
     let mut timeless = Vec::new();
     for path in paths {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let bytes = read_file(&path)?;
-        match FrameInfo::read(&bytes).exposure_time_s {
-            Some(time_s) => frames.push(Frame { name, bytes, time_s }),
+        match FrameInfo::read(&read_file(&path)?).exposure_time_s {
+            Some(time_s) => frames.push(Frame { name, path, time_s }),
             None => timeless.push(name),
         }
     }
@@ -129,6 +161,10 @@ fn exif_frames(dir: &Path) -> Result<Vec<Frame>, MergeInputError> {
         "no exposure time in the EXIF of {}: write {LIST} with file and time_s of every [[frame]]",
         timeless.join(", ")
     )))
+}
+
+fn ending(path: &Path) -> String {
+    path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, MergeInputError> {

@@ -8,6 +8,8 @@ use crate::numerics::image::{Image, RadianceImage};
 /// A pixel this many levels above its neighbours is hot, however quiet the frame is; a glow of amplifiers is not, for it is
 /// smooth.
 const HOT_LEVELS: f64 = 10.0;
+/// The same for linear samples, as a share of saturation in the longest dark frame.
+const HOT_SIGNAL: f64 = 0.005;
 /// A pixel this many standard deviations (from the median deviation of the frame) above them is hot, if that is more.
 const HOT_SIGMAS: f64 = 6.0;
 /// Standard deviations in a median absolute deviation of a normal distribution.
@@ -52,11 +54,29 @@ impl Dark {
                     dark.rate.pixels[i][c] += rate as f32;
                     dark.variance.pixels[i][c] += variance as f32;
                     let level = f64::from(pixel[c]);
-                    dark.hot.pixels[i] |= level > median + above && level > neighbours(&frame.levels, i, c) + above;
+                    dark.hot.pixels[i] |=
+                        level > median + above && level > f64::from(neighbours(&frame.levels, i, c)) + above;
                 }
             }
         }
         dark
+    }
+
+    /// From the radiance that linear frames taken in the dark show when they are merged, radiance 1 saturating in a second;
+    /// `longest_s` is the longest of their times, seconds. Their black level is taken off already, so all of it is dark signal.
+    pub fn of_radiance(dark: RadianceImage, longest_s: f64) -> Self {
+        let RadianceImage { radiance: rate, variance, valid } = dark;
+        let variance = variance.unwrap_or_else(|| Image::filled(rate.width, rate.height, [0.0; 3]));
+        let mut hot = Image { pixels: vec![false; valid.pixels.len()], ..valid };
+        for c in 0..3 {
+            let (median, deviation) = median_rate(&rate, c);
+            let above = (HOT_SIGNAL / longest_s).max(HOT_SIGMAS * SIGMAS_PER_DEVIATION * deviation) as f32;
+            for i in 0..hot.pixels.len() {
+                let own = rate.pixels[i][c];
+                hot.pixels[i] |= own > median as f32 + above && own > neighbours(&rate, i, c) + above;
+            }
+        }
+        Self { rate, variance, hot }
     }
 
     /// Columns and rows.
@@ -107,15 +127,26 @@ fn median_level(levels: &Image<[u8; 3]>, c: usize) -> (f64, f64) {
     (median as f64, level(&deviations) as f64)
 }
 
-/// Median level of the pixels around one, itself left out.
-fn neighbours(levels: &Image<[u8; 3]>, pixel: usize, c: usize) -> f64 {
-    let (x, y) = (pixel % levels.width, pixel / levels.width);
+/// Median rate of a channel, and the median absolute deviation from it.
+fn median_rate(rate: &Image<[f32; 3]>, c: usize) -> (f64, f64) {
+    let middle = |mut values: Vec<f32>| {
+        let half = values.len() / 2;
+        if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(half, f32::total_cmp).1 }
+    };
+    let values: Vec<f32> = rate.pixels.iter().map(|pixel| pixel[c]).collect();
+    let median = middle(values.clone());
+    (f64::from(median), f64::from(middle(values.into_iter().map(|value| (value - median).abs()).collect())))
+}
+
+/// Median of the pixels around one, itself left out.
+fn neighbours<T: Copy + Default + PartialOrd>(image: &Image<[T; 3]>, pixel: usize, c: usize) -> T {
+    let (x, y) = (pixel % image.width, pixel / image.width);
     let around = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
-    let mut found: Vec<u8> = around(y, levels.height)
-        .flat_map(|row| around(x, levels.width).map(move |column| row * levels.width + column))
+    let mut found: Vec<T> = around(y, image.height)
+        .flat_map(|row| around(x, image.width).map(move |column| row * image.width + column))
         .filter(|&i| i != pixel)
-        .map(|i| levels.pixels[i][c])
+        .map(|i| image.pixels[i][c])
         .collect();
-    found.sort_unstable();
-    found.get(found.len() / 2).map_or(0.0, |&level| f64::from(level))
+    found.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
+    found.get(found.len() / 2).copied().unwrap_or_default()
 }

@@ -105,6 +105,66 @@ impl Flat {
     }
 }
 
+/// Flat-field frames of linear radiance, added one after the other.
+#[derive(Clone, Debug)]
+pub struct Fields {
+    count: usize,
+    sum: Image<[f32; 3]>,
+    squares: Image<[f32; 3]>,
+    usable: Image<bool>,
+}
+
+impl Fields {
+    /// None yet, of so many columns and rows.
+    pub fn new(width: usize, height: usize) -> Self {
+        let zero = Image::filled(width, height, [0.0; 3]);
+        Self { count: 0, squares: zero.clone(), sum: zero, usable: Image::filled(width, height, true) }
+    }
+
+    /// Adds the radiance of a frame, normalised by its own mean.
+    ///
+    /// # Errors
+    /// Too much of it is clipped or dark.
+    pub fn add(&mut self, name: &str, field: &RadianceImage) -> Result<(), FlatError> {
+        let valid = field.valid.pixels.iter().filter(|valid| **valid).count();
+        let share = 1.0 - valid as f64 / field.valid.pixels.len() as f64;
+        if share > MOST_UNUSABLE {
+            return Err(FlatError::Exposure { name: name.to_owned(), percent: 100.0 * share });
+        }
+        let lit = || field.radiance.pixels.iter().zip(&field.valid.pixels).filter(|(_, valid)| **valid);
+        let mean: [f64; 3] =
+            std::array::from_fn(|c| lit().map(|(pixel, _)| f64::from(pixel[c])).sum::<f64>() / valid as f64);
+        for (i, pixel) in field.radiance.pixels.iter().enumerate() {
+            self.usable.pixels[i] &= field.valid.pixels[i];
+            for c in 0..3 {
+                // About 1, so that squares do not swamp the scatter.
+                let off = (f64::from(pixel[c]) / mean[c] - 1.0) as f32;
+                self.sum.pixels[i][c] += off;
+                self.squares.pixels[i][c] += off * off;
+            }
+        }
+        self.count += 1;
+        Ok(())
+    }
+
+    /// The flat field.
+    ///
+    /// # Errors
+    /// Fewer than two frames.
+    pub fn flat(self) -> Result<Flat, FlatError> {
+        if self.count < 2 {
+            return Err(FlatError::TooFew { found: self.count });
+        }
+        let (n, Self { mut sum, mut squares, usable, .. }) = (self.count as f32, self);
+        for (sum, squares) in sum.pixels.as_flattened_mut().iter_mut().zip(squares.pixels.as_flattened_mut()) {
+            let scatter = (*squares - *sum * *sum / n).max(0.0) / (n - 1.0);
+            *sum = 1.0 + *sum / n;
+            *squares = scatter / n / (*sum * *sum);
+        }
+        Ok(Flat { gain: sum, relative_variance: squares, usable })
+    }
+}
+
 /// Exposure of every level over the mean exposure of the frame.
 fn relative(frame: &Exposure, response: &Response, c: usize) -> [f64; 256] {
     let exposure: [f64; 256] = std::array::from_fn(|z| response.log_exposure[c][z].exp());

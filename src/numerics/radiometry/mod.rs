@@ -14,6 +14,7 @@ mod groups;
 mod level_samples;
 pub mod merge;
 mod monotone;
+pub mod mosaic;
 pub mod noise;
 pub mod response;
 pub mod robertson;

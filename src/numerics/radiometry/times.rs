@@ -53,7 +53,8 @@ const ROUNDS_WITH_RESPONSE: usize = 2;
 /// The fraction of full scale that ratios are read from: below, an error of the black level counts; above, the sensor bends.
 const RATIO_SIGNALS: (f64, f64) = (0.01, 0.95);
 
-/// Linear samples of the same points in every frame: raw, black subtracted, 1 at saturation.
+/// Linear samples of the same points in every frame: raw, black subtracted, 1 at saturation; infinite where a neighbour is
+/// clipped and may have spilt into it, so that no group of pixels mixes such samples with sound ones.
 #[derive(Clone, Debug)]
 pub struct LinearSamples {
     /// `signals[channel][frame][point]`; as many channels as the mosaic has colours.

@@ -1,6 +1,6 @@
 //! What the operator ought to know of a calibrated bracket.
 
-use super::response::ResponseCalibration;
+use super::response::{ExposureTime, ResponseCalibration};
 use crate::numerics::radiometry::alignment::{Step, steps};
 use crate::numerics::radiometry::bracket::{Bracket, PairTest, Verdict};
 use crate::numerics::radiometry::response::Response;
@@ -19,7 +19,9 @@ pub(super) fn doubts(
     bracket: &Bracket,
     response: &Response,
 ) -> Vec<String> {
-    let mut warnings = doubtful_times(found, pairs);
+    let not_testable = pairs.iter().filter(|pair| pair.verdict == Verdict::NotTestable);
+    let mut warnings: Vec<String> = not_testable.map(|pair| format!("times not testable {pair}")).collect();
+    warnings.extend(doubtful_times(&found.exposures));
     for (channel, &active) in ["red", "green", "blue"].iter().zip(&found.active_constraints) {
         if active > MANY_CONSTRAINTS {
             warnings.push(format!(
@@ -27,39 +29,43 @@ pub(super) fn doubts(
                 ));
         }
     }
-    if measured.chi_squared > WIDE_SCATTER {
-        warnings.push(format!(
-                "ratios scatter {:.0} times as much as expected: something moved, the lamp flickered, or stray light changed \
-                 between the exposures",
-                measured.chi_squared.sqrt()
-            ));
-    }
+    warnings.extend(wide_scatter(measured));
     warnings.extend(stray_light(bracket));
     warnings.extend(movements(bracket, response));
     warnings
 }
 
-fn doubtful_times(found: &ResponseCalibration, pairs: &[PairTest]) -> Vec<String> {
-    let mut warnings = Vec::new();
-    for pair in pairs.iter().filter(|pair| pair.verdict == Verdict::NotTestable) {
-        warnings.push(format!("times not testable {pair}"));
-    }
-    for time in &found.exposures {
+/// A word on ratios that contradict one another.
+pub(in crate::pipeline) fn wide_scatter(measured: &MeasuredTimes) -> Option<String> {
+    (measured.chi_squared > WIDE_SCATTER).then(|| {
+        format!(
+            "ratios scatter {:.0} times as much as expected: something moved, the lamp flickered, or stray light changed \
+             between the exposures",
+            measured.chi_squared.sqrt()
+        )
+    })
+}
+
+/// A word on every time that was not measured, or measured where nobody expected it.
+pub(in crate::pipeline) fn doubtful_times(exposures: &[ExposureTime]) -> Vec<String> {
+    let doubt = |time: &ExposureTime| {
         if time.sigma_relative.is_none() {
-            warnings.push(format!(
-                    "{}: {} pixels of it are exposed in another frame too, its time is not measured: it adds little; leave it \
-                     out or shoot an exposure in between",
-                    time.name, time.overlap_pixels
-                ));
+            Some(format!(
+                "{}: {} pixels of it are exposed in another frame too, its time is not measured: it adds little; leave it \
+                 out or shoot an exposure in between",
+                time.name, time.overlap_pixels
+            ))
         } else if time.departs {
-            warnings.push(format!(
-                    "{}: the images say {:.5} s, neither its nominal {} s nor a third of a stop: lamp or shutter is unsteady, or \
-                     the time is wrong",
-                    time.name, time.estimated_s, time.nominal_s
-                ));
+            Some(format!(
+                "{}: the images say {:.5} s, neither its nominal {} s nor a third of a stop: lamp or shutter is unsteady, or \
+                 the time is wrong",
+                time.name, time.estimated_s, time.nominal_s
+            ))
+        } else {
+            None
         }
-    }
-    warnings
+    };
+    exposures.iter().filter_map(doubt).collect()
 }
 
 /// A level above read noise and rounding.

@@ -1,5 +1,5 @@
 //! Calibration of the rig from photographs: named images in, plain reports out.
 pub mod camera;
-mod doubts;
+pub(super) mod doubts;
 pub mod lights;
 pub mod response;

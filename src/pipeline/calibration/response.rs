@@ -4,7 +4,7 @@ use super::doubts::doubts;
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, PairTest};
 use crate::numerics::radiometry::response::{Recovered, Response, recover};
 use crate::numerics::radiometry::robertson::robertson;
-use crate::numerics::radiometry::times::MeasuredTimes;
+use crate::numerics::radiometry::times::{MeasuredTime, MeasuredTimes};
 use crate::pipeline::decode::power_of_two_s;
 use serde::{Deserialize, Serialize};
 
@@ -117,12 +117,13 @@ pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, Calibra
         Method::Debevec => recover(&timed)?,
         Method::Robertson => robertson(&timed)?,
     };
+    let exposures = exposure_times(&names, &nominal, &measured)?;
     let mut calibration = ResponseCalibration {
         method,
         log_exposure: response.log_exposure.clone(),
         active_constraints,
         pixels,
-        exposures: Vec::new(),
+        exposures,
         reference: names[measured.reference].clone(),
         expected,
         gauge: gauge_in_words(expected, &names[measured.reference], &measured),
@@ -131,22 +132,6 @@ pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, Calibra
         scatter_power_of_two: thirds.as_ref().and_then(|thirds| measured.scatter_about(thirds, true)),
         warnings: Vec::new(),
     };
-    for ((name, &nominal_s), time) in names.into_iter().zip(&nominal).zip(&measured.frames) {
-        let power_of_two_s = power_of_two_s(nominal_s);
-        let off = |listed: f64| (time.time_s / listed).ln().abs();
-        let nearest = off(nominal_s).min(power_of_two_s.map_or(f64::INFINITY, off));
-        let limit = time.sigma.map(|sigma| (DEPARTS_SIGMA * sigma).max(DEPARTS_LEAST));
-        calibration.exposures.push(ExposureTime {
-            name,
-            nominal_s,
-            power_of_two_s,
-            estimated_s: time.time_s,
-            sigma_relative: time.sigma,
-            overlap_pixels: time.overlap,
-            departs: limit.is_some_and(|limit| nearest > limit),
-        });
-    }
-    calibration.refuse_contradictions()?;
     calibration.warnings = doubts(&calibration, &measured, &pairs, &timed, &response);
     Ok(Calibrated { calibration, bracket: timed, pairs })
 }
@@ -157,17 +142,62 @@ fn measure(
     nominal: &[f64],
     thirds: Option<&[f64]>,
 ) -> Result<(Expected, MeasuredTimes), BracketError> {
+    nearest(nominal, thirds, true, |expected| MeasuredTimes::without_response(bracket, expected))
+}
+
+/// What `measure` finds next to the power-of-two times (seconds, if every nominal time is a third of a stop), or next to the
+/// nominal ones if the images agree better with these; `any_exponent` up to one exponent on all times.
+pub(in crate::pipeline) fn nearest(
+    nominal: &[f64],
+    thirds: Option<&[f64]>,
+    any_exponent: bool,
+    measure: impl Fn(&[f64]) -> Result<MeasuredTimes, BracketError>,
+) -> Result<(Expected, MeasuredTimes), BracketError> {
     let Some(thirds) = thirds else {
-        return Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?));
+        return Ok((Expected::Nominal, measure(nominal)?));
     };
-    let measured = MeasuredTimes::without_response(bracket, thirds)?;
-    let scatter = |times: &[f64]| measured.scatter_about(times, true).unwrap_or(f64::INFINITY);
+    let measured = measure(thirds)?;
+    let scatter = |times: &[f64]| measured.scatter_about(times, any_exponent).unwrap_or(f64::INFINITY);
     // Only a clear difference speaks against the times a shutter aims at.
     if 2.0 * scatter(nominal) < scatter(thirds) {
-        Ok((Expected::Nominal, MeasuredTimes::without_response(bracket, nominal)?))
+        Ok((Expected::Nominal, measure(nominal)?))
     } else {
         Ok((Expected::PowerOfTwo, measured))
     }
+}
+
+/// The three times of every frame, in the order of the frames.
+///
+/// # Errors
+/// A measured time is so far from the listed one that no shutter can be to blame.
+pub(in crate::pipeline) fn exposure_times(
+    names: &[String],
+    nominal: &[f64],
+    measured: &MeasuredTimes,
+) -> Result<Vec<ExposureTime>, CalibrateError> {
+    let exposure = |((name, &nominal_s), time): ((&String, &f64), &MeasuredTime)| {
+        let power_of_two_s = power_of_two_s(nominal_s);
+        let off = |listed: f64| (time.time_s / listed).ln().abs();
+        let nearest = off(nominal_s).min(power_of_two_s.map_or(f64::INFINITY, off));
+        let limit = time.sigma.map(|sigma| (DEPARTS_SIGMA * sigma).max(DEPARTS_LEAST));
+        ExposureTime {
+            name: name.clone(),
+            nominal_s,
+            power_of_two_s,
+            estimated_s: time.time_s,
+            sigma_relative: time.sigma,
+            overlap_pixels: time.overlap,
+            departs: limit.is_some_and(|limit| nearest > limit),
+        }
+    };
+    let times: Vec<ExposureTime> = names.iter().zip(nominal).zip(&measured.frames).map(exposure).collect();
+    let far = |t: &&ExposureTime| t.sigma_relative.is_some() && (t.estimated_s / t.nominal_s).ln().abs() > CONTRADICTS;
+    let reasons: Vec<String> = times
+        .iter()
+        .filter(far)
+        .map(|t| format!("{} is listed as {} s, the images say {:.4} s", t.name, t.nominal_s, t.estimated_s))
+        .collect();
+    if reasons.is_empty() { Ok(times) } else { Err(CalibrateError::Contradicts(reasons)) }
 }
 
 fn gauge_in_words(expected: Expected, reference: &str, measured: &MeasuredTimes) -> String {
@@ -198,18 +228,5 @@ impl ResponseCalibration {
         } else {
             Err("log_exposure must hold 256 finite numbers a channel that do not decrease: calibrate again".into())
         }
-    }
-
-    fn refuse_contradictions(&self) -> Result<(), CalibrateError> {
-        let far = |time: &&ExposureTime| {
-            time.sigma_relative.is_some() && (time.estimated_s / time.nominal_s).ln().abs() > CONTRADICTS
-        };
-        let reasons: Vec<String> = self
-            .exposures
-            .iter()
-            .filter(far)
-            .map(|t| format!("{} is listed as {} s, the images say {:.4} s", t.name, t.nominal_s, t.estimated_s))
-            .collect();
-        if reasons.is_empty() { Ok(()) } else { Err(CalibrateError::Contradicts(reasons)) }
     }
 }

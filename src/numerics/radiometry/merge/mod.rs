@@ -11,7 +11,7 @@ mod weights;
 use super::bracket::Bracket;
 use super::noise::SensorNoise;
 use super::response::Response;
-use crate::numerics::image::{Image, RadianceImage};
+use crate::numerics::image::RadianceImage;
 use crate::numerics::simd::Level;
 use rayon::prelude::*;
 use sampled::Sampled;
@@ -104,12 +104,7 @@ impl<'a> Merger<'a> {
 
     /// An empty strip of `rows` rows for [`Merger::strip`].
     pub fn empty(&self, rows: usize) -> RadianceImage {
-        let width = self.bracket.width();
-        RadianceImage {
-            radiance: Image::filled(width, rows, [0.0; 3]),
-            variance: Some(Image::filled(width, rows, [0.0; 3])),
-            valid: Image::filled(width, rows, false),
-        }
+        RadianceImage::empty(self.bracket.width(), rows)
     }
 
     /// All rows.
