@@ -172,6 +172,7 @@ impl RawRig {
                 },
                 seed: s.seed,
                 speed: s.speed,
+                hidden: s.hidden,
             }),
         })
     }
