@@ -10,7 +10,9 @@ use rigd::numerics::calibration::lights::plane::Plane;
 use rigd::numerics::geometry::{Projection, Vec3};
 use rigd::numerics::radiometry::noise::SensorNoise;
 use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Response};
-use rigd::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, board_pose, calibrate_camera, find_board};
+use rigd::pipeline::calibration::camera::{
+    Board, CameraCalibration, Photograph, board_pose, calibrate_camera, find_board,
+};
 use rigd::pipeline::calibration::lights::{
     CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_intensity, calibrate_lights, frames,
 };
@@ -27,8 +29,7 @@ use std::time::Instant;
 const VIEWS: usize = 12;
 /// Where the lamp stands for board and response, degrees.
 const FRONT: f64 = 15.0;
-const BRACKET: [&str; 11] = ["1/1000", "1/250", "1/60", "1/30", "1/15", "1/8", "1/4", "0.5", "1", "2", "4"];
-const SILHOUETTE: usize = 6;
+const BRACKET: [&str; 11] = ["1/1000", "1/250", "1/30", "1/15", "1/8", "1/4", "0.5", "1", "2", "4", "8"];
 
 fn rig(seed: u64) -> Rig {
     let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
@@ -96,6 +97,8 @@ fn measure(studio: &mut Studio) -> Measured {
     let board = Board { columns, rows, square_mm };
     let begin = Instant::now();
     let views: Vec<(String, Vec<u8>)> = (0..VIEWS)
+        // The nearly frontal one comes last: the card is laid on it.
+        .rev()
         .map(|view| (format!("view {view}"), studio.shoot(Placed::Board { view }, FRONT, "1/4")))
         .collect();
     let photographs: Vec<_> = views.iter().map(|(name, bytes)| Photograph { name, bytes }).collect();
@@ -124,13 +127,10 @@ fn measure(studio: &mut Studio) -> Measured {
     let mut spots = HashMap::new();
     let mut named = Vec::new();
     for (angle, files) in stations.iter().zip(&balls) {
-        let silhouette = frames::through_response(&decode(&files[SILHOUETTE]).unwrap(), &known.response);
-        let highlight = frames::through_response(&decode(&files[1]).unwrap(), &known.response);
-        spots.insert(format!("s{angle}"), silhouette);
-        spots.insert(format!("h{angle}"), highlight);
-        let frames =
-            LightFrames { angle_deg: Some(*angle), silhouette: format!("s{angle}"), highlight: format!("h{angle}") };
-        named.push(frames);
+        let developed = develop(&listed(files, &known.times_s), None, Some(&known), &studio.noise()).unwrap();
+        let name = format!("balls at {angle}");
+        spots.insert(name.clone(), frames::from_radiance(&developed.image));
+        named.push(LightFrames { angle_deg: Some(*angle), silhouette: name.clone(), highlight: name });
     }
     let settings = LightsSettings {
         projection: projection.clone(),
@@ -157,7 +157,7 @@ fn measure(studio: &mut Studio) -> Measured {
     let lit: Vec<usize> = (0..stations.len()).filter(|i| stations[*i].abs() < 60.0).collect();
     let mut radiance = HashMap::new();
     for light in &lit {
-        let files = studio.bracket(Placed::Card { on: VIEWS - 1 }, stations[*light]);
+        let files = studio.bracket(Placed::Card { on: 0 }, stations[*light]);
         let developed = develop(&listed(&files, &known.times_s), None, Some(&known), &studio.noise()).unwrap();
         radiance.insert(format!("card{light}"), developed.image);
     }
@@ -214,8 +214,7 @@ fn response_error(studio: &Studio, response: &Response) -> f64 {
         };
         let lowest = (1..128).find(clear).unwrap();
         let error = |z: usize| response.log_exposure[c][z].exp() / (tone.charge(z as f64) / unit) - 1.0;
-        let (at, most) =
-            (lowest..=245).map(|z| (z, error(z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap();
+        let (at, most) = (lowest..=245).map(|z| (z, error(z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap();
         let beyond = (lowest..=245).filter(|z| error(*z).abs() > 0.005).collect::<Vec<_>>();
         println!("channel {c}: used from {lowest}, worst {:+.3} % at {at}, beyond 0.5 %: {beyond:?}", 100.0 * most);
         worst = worst.max(most.abs());
@@ -274,11 +273,23 @@ fn every_thing_is_whole_in_the_picture_and_no_ball_hides_another() {
     }
 }
 
-/// The bars of the whole chain.
+/// The bars: 2 mm, and 1 % from the level whose charge is ten times the noise of one sample to 245.
 #[test]
 fn the_hidden_truth_is_recovered() {
-    let seed = std::env::var("SEED").map_or(1, |s| s.parse().unwrap());
-    let errors = recover(seed);
-    assert!(errors.lights_mm.iter().all(|e| *e < 2.0), "{:?}", errors.lights_mm);
-    assert!(errors.response < 0.01, "{}", errors.response);
+    for seed in [1, 2] {
+        let errors = recover(seed);
+        assert!(errors.lights_mm.iter().all(|e| *e < 2.0), "seed {seed}: {:?}", errors.lights_mm);
+        assert!(errors.response < 0.01, "seed {seed}: {}", errors.response);
+        assert!(errors.times < 0.02 && errors.intensity < 0.01, "seed {seed}: {} {}", errors.times, errors.intensity);
+        assert!(errors.focal.abs() < 0.001 && errors.principal_px < 2.0, "seed {seed}");
+    }
+}
+
+/// More seeds than a test has time for; prints what docs/calibrate-lights.md and docs/calibrate-response.md state.
+#[test]
+#[ignore = "a minute a seed: cargo test --release --test calibration_world -- --ignored --nocapture"]
+fn many_hidden_truths_are_recovered() {
+    for seed in 1..=8 {
+        recover(seed);
+    }
 }

@@ -1,8 +1,9 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
 use super::decode::{Format, decode_into};
+use super::fine::fine_levels;
 use crate::numerics::image::{Image, RadianceImage};
-use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure};
+use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure, MANY};
 use crate::numerics::radiometry::merge::merge;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::{Response, recover};
@@ -123,8 +124,22 @@ pub fn develop(
 /// Full frames in memory at a time.
 const DECODED_AT_A_TIME: usize = 2;
 
-/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each.
+/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each; and what their files say of some pixels
+/// beyond whole levels.
 pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
+    let mut frames = frames.to_vec();
+    frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let bracket = read_rounded(&frames, crop)?;
+    let (left, top) = crop.map_or((0, 0), |crop| (crop.x, crop.y));
+    let points: Vec<_> = bracket.sample_points(MANY).into_iter().map(|(x, y)| (x + left, y + top)).collect();
+    let fine: Option<Vec<_>> = frames.par_iter().map(|frame| fine_levels(frame.bytes, &points)).collect();
+    Ok(match fine {
+        Some(fine) => bracket.with_fine_levels(fine),
+        None => bracket,
+    })
+}
+
+fn read_rounded(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
     let lossy = frames.iter().any(|frame| Format::of(frame.bytes) == Ok(Format::Jpeg));
     let mut memory: [Image<[u8; 3]>; DECODED_AT_A_TIME] = std::array::from_fn(|_| Image::filled(0, 0, [0; 3]));
     let mut exposures = Vec::with_capacity(frames.len());

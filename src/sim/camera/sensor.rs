@@ -20,12 +20,12 @@ pub(super) struct Sensor {
     /// Full wells per unit of exposure, each channel.
     charge_per_exposure: [f64; 3],
     /// Level of a charge of step / STEPS, each channel.
-    levels: [Vec<u8>; 3],
+    levels: [Vec<f32>; 3],
 }
 
 impl Sensor {
     pub(super) fn new(camera: &rig_config::Camera, tones: &[Tone; 3], seed: u64) -> Self {
-        let table = |curve: &Tone| (0..=STEPS).map(|i| curve.level(i as f64 / STEPS as f64).round() as u8).collect();
+        let table = |curve: &Tone| (0..=STEPS).map(|i| curve.level(i as f64 / STEPS as f64) as f32).collect();
         Self {
             full_well_e: camera.full_well_e,
             read_noise_e: camera.read_noise_e,
@@ -35,8 +35,9 @@ impl Sensor {
         }
     }
 
-    /// Exposes `radiance` for `time_s` and reads the levels out. The noise depends on the seed and `frame_number` alone.
-    pub(super) fn read_out(&self, radiance: &Image<[f64; 3]>, time_s: f64, frame_number: u32) -> Image<[u8; 3]> {
+    /// Exposes `radiance` for `time_s` and reads the levels out, not rounded: bodies count charge finer than files count levels.
+    /// The noise depends on the seed and `frame_number` alone.
+    pub(super) fn read_out(&self, radiance: &Image<[f64; 3]>, time_s: f64, frame_number: u32) -> Image<[f32; 3]> {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(self.seed.rotate_left(32) ^ u64::from(frame_number));
         let electrons_per_radiance = self.charge_per_exposure.map(|charge| charge * self.full_well_e * time_s);
         let pixels = radiance

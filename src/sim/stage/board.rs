@@ -37,17 +37,18 @@ pub struct Flat {
 }
 
 impl Flat {
-    /// The board as it is held for a view: tilted by 20 to 30 degrees, every time in another direction and elsewhere in the picture.
-    /// Who holds it sees the picture, and moves it towards the middle until all of it is in view.
+    /// The board as it is held for a view: tilted by 20 to 30 degrees, every time in another direction and elsewhere in the picture,
+    /// but for view 0, which nearly faces camera and lamps, near the middle. Who holds it sees the picture, and moves it towards the
+    /// middle until all of it is in view.
     pub fn view(print: Print, view: usize, stage_mm: f64, projection: &Projection, size: (usize, usize)) -> Self {
         let round = |base: u32| radical_inverse(base, view + 1);
-        let tilt = (20.0 + 10.0 * round(5)).to_radians();
+        let (tilt, spread) = if view == 0 { (6.0, 0.2) } else { (20.0 + 10.0 * round(5), 1.0) };
         // Golden angle: any number of views looks from all sides.
         let towards = view as f64 * PI * (3.0 - 5.0_f64.sqrt());
-        let tilted = Rotation3::from_scaled_axis(Vec3::new(towards.cos(), towards.sin(), 0.0) * tilt);
+        let tilted = Rotation3::from_scaled_axis(Vec3::new(towards.cos(), towards.sin(), 0.0) * f64::to_radians(tilt));
         let turn = tilted * Rotation3::from_scaled_axis(Vec3::z() * (round(7) - 0.5) * 0.5);
         let depth = stage_mm * (0.92 + 0.12 * round(11));
-        let place = [2.0 * round(2) - 1.0, 2.0 * round(3) - 1.0];
+        let place = [2.0 * round(2) - 1.0, 2.0 * round(3) - 1.0].map(|side| spread * side);
         let at = |reach: f64| {
             let pixel = [0, 1].map(|i| {
                 let whole = [size.0, size.1][i] as f64;
