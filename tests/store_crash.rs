@@ -102,6 +102,7 @@ fn manifest(id: &str) -> Manifest {
         arm: None,
         camera: None,
         idempotency: None,
+        version: None,
     }
 }
 

@@ -6,6 +6,8 @@ mod hold;
 
 use super::bench::Bench;
 use super::book::Book;
+use super::calibration::file::CalibrationFile;
+use super::calibration::stale;
 use super::quality::{self, Fingerprint};
 use super::state::Event;
 use super::work::Work;
@@ -134,10 +136,19 @@ impl<'a> Acquisition<'a> {
         let opened = self.bench.open();
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(Ended::Failed)?;
+        self.doubt_calibration(&arm, &camera)?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
         self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
         self.rest(self.rig.lamp.soak_s)
+    }
+
+    /// Journals what the devices say against the calibration this session uses.
+    fn doubt_calibration(&mut self, arm: &str, camera: &str) -> Result<(), Ended> {
+        let directory = self.book.look(self.id, |entry| entry.directory.clone()).unwrap_or_default();
+        let Some(calibration) = CalibrationFile::of_session(&directory).map_err(Ended::Failed)? else { return Ok(()) };
+        let warnings = stale::other_devices(&calibration, arm, camera);
+        if warnings.is_empty() { Ok(()) } else { self.record("calibration.doubted", json!({"warnings": warnings})) }
     }
 
     fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {

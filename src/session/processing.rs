@@ -1,7 +1,9 @@
 //! From committed frames to a fitted material: which pipeline steps the worker runs, on which files.
 
+use super::calibration::file::CalibrationFile;
 use super::calibration::measure::Measuring;
 use super::calibration::plan::CalibrationPlan;
+use super::calibration::sample;
 use super::crop;
 use super::handle::FitRequest;
 use super::ledger::FrameRecord;
@@ -96,6 +98,30 @@ impl PipelineProcessing {
         Self { rig: rig.clone(), known: None, measuring: Measuring::default() }
     }
 
+    /// Writes dataset.toml: lights of the plan; camera and sphere of the rig file or, with a calibration, as measured.
+    fn describe(&self, job: &FitJob, calibration: Option<&CalibrationFile>) -> Result<(), String> {
+        let light = |station: &Station| SessionLight {
+            position_mm: station.light_position_mm,
+            intensity: station.light_intensity.unwrap_or(self.rig.lamp.intensity),
+        };
+        let lights: Vec<SessionLight> = job.stations.iter().map(light).collect();
+        let (mut rig, mut origin) = (self.rig.clone(), "lights, camera and sphere: rig file".to_owned());
+        if let Some(calibration) = calibration {
+            rig = calibration.applied(&rig);
+            let ball = sample::find(&job.directory, &rig, lights.len())?;
+            rig.object.center_mm = ball.center.into();
+            let sigma: Vec<String> =
+                (0..3).map(|k| format!("{:.2}", ball.covariance[(k, k)].max(0.0).sqrt())).collect();
+            origin = format!(
+                "lights and camera: {}; sphere: found in these frames, centre +- ({}) mm, outline {:.2} px rms",
+                calibration.title(),
+                sigma.join(", "),
+                ball.rms_px
+            );
+        }
+        store::dataset::write_for_session(&job.directory, &rig, &lights, &origin).map_err(|e| e.to_string())
+    }
+
     fn options(&self, request: &FitRequest) -> FitOptions {
         let fit = &self.rig.fit;
         FitOptions {
@@ -126,11 +152,19 @@ impl Processing for PipelineProcessing {
             .zip(&files)
             .map(|(frame, bytes)| BracketFrame { name: &frame.file, bytes, time_s: frame.true_s })
             .collect();
-        let known = self.known.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
-        let camera = &self.rig.camera;
+        let calibration = CalibrationFile::of_session(&bracket.directory)?;
+        let rig = calibration.as_ref().map_or_else(|| self.rig.clone(), |calibration| calibration.applied(&self.rig));
+        let first = self.known.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
+        let expected: Vec<f64> = bracket.frames.iter().map(|frame| frame.true_s).collect();
+        let known = match (first, &calibration) {
+            (Some((_, known)), _) => Some(known.clone()),
+            (None, Some(calibration)) => Some(Known::of(&calibration.response, &expected)?),
+            (None, None) => None,
+        };
+        let camera = &rig.camera;
         let noise = SensorNoise { full_well_e: camera.full_well_e, read_noise_e: camera.read_noise_e };
-        let part = crop::of_object(&self.rig);
-        let developed = develop(&frames, part, known.map(|(_, known)| known), &noise).map_err(|e| e.to_string())?;
+        let part = crop::of_session(&rig, calibration.is_some());
+        let developed = develop(&frames, part, known.as_ref(), &noise).map_err(|e| e.to_string())?;
         let times = times_of(bracket, &developed);
         let origin = part.map_or((0, 0), |part| (part.x, part.y));
         let attributes = [
@@ -141,7 +175,7 @@ impl Processing for PipelineProcessing {
         ];
         let path = bracket.directory.join(store::dataset::radiance_name(bracket.station));
         write_radiance(&path, &developed.image, origin, camera, &attributes)?;
-        if known.is_none() {
+        if first.is_none() {
             self.known = Some((bracket.session.clone(), developed.known));
         }
         Ok(times)
@@ -152,13 +186,9 @@ impl Processing for PipelineProcessing {
     }
 
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
+        let calibration = CalibrationFile::of_session(&job.directory)?;
         if !job.directory.join("dataset.toml").exists() {
-            let light = |station: &Station| SessionLight {
-                position_mm: station.light_position_mm,
-                intensity: station.light_intensity.unwrap_or(self.rig.lamp.intensity),
-            };
-            let lights: Vec<SessionLight> = job.stations.iter().map(light).collect();
-            store::dataset::write_for_session(&job.directory, &self.rig, &lights).map_err(|e| e.to_string())?;
+            self.describe(job, calibration.as_ref())?;
         }
         let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
         let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
@@ -166,6 +196,8 @@ impl Processing for PipelineProcessing {
         let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
         result.report.add_load(load.as_secs_f64(), cpu_load);
         result.material.provenance.simulated = Some(self.rig.is_simulated());
+        result.material.provenance.calibration = calibration.map(|calibration| calibration.title());
+        result.report.warnings.splice(0..0, job.warnings.iter().cloned());
         let unfinished = job.directory.join(".result");
         clear(&unfinished)?;
         store::result::write(&unfinished, &result).map_err(|e| {

@@ -252,11 +252,17 @@ pub struct SessionLight {
 }
 
 /// Writes `directory/dataset.toml` for a rig's session: one light a station in the order of the plan, mm, images by
-/// [`radiance_name`].
-pub fn write_for_session(directory: &Path, rig: &rig_config::Rig, lights: &[SessionLight]) -> Result<(), DatasetError> {
+/// [`radiance_name`]. `origin` says in one line where the geometry comes from.
+pub fn write_for_session(
+    directory: &Path,
+    rig: &rig_config::Rig,
+    lights: &[SessionLight],
+    origin: &str,
+) -> Result<(), DatasetError> {
     let raw = RawDataset::of_session(rig, lights);
     let path = directory.join(FILE);
     let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
+    let text = format!("# {origin}\n{text}");
     // A file cut off by a full disk or a kill would spoil every later fit: it appears whole or not at all.
     let unfinished = directory.join(format!(".{FILE}.tmp"));
     std::fs::write(&unfinished, text)

@@ -75,6 +75,18 @@ impl CalibrationFile {
         Ok((file, text))
     }
 
+    /// The calibration that the session in `directory` uses: its own copy; none where it uses the rig file.
+    ///
+    /// # Errors
+    /// The copy cannot be read.
+    pub fn of_session(directory: &Path) -> Result<Option<Self>, String> {
+        let path = directory.join(NAME);
+        if !path.exists() {
+            return Ok(None);
+        }
+        Self::read(&path).map(|(file, _)| Some(file))
+    }
+
     /// Refuses a rig whose frames have another size than those calibrated on.
     ///
     /// # Errors
@@ -113,6 +125,11 @@ impl CalibrationFile {
             .or(lights.bulb_intensity)
             .ok_or_else(|| format!("calibration {} has no intensity of the lamp: calibrate anew", self.version))?;
         Ok(LampThere { position_mm, intensity })
+    }
+
+    /// Its name in datasets and reports.
+    pub fn title(&self) -> String {
+        format!("calibration {} of {} ({})", self.version, self.made, self.id)
     }
 
     /// The rig with the measured camera in place of the rig file's.

@@ -4,5 +4,6 @@ pub(in crate::session) mod measure;
 pub mod plan;
 pub mod progress;
 mod radiance;
+pub mod sample;
 pub mod stale;
 pub mod step;
