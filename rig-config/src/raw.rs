@@ -343,4 +343,8 @@ pub(crate) struct RawSimulation {
     /// How many times faster than real motion, exposure and waiting pass.
     #[schemars(range(min = 0.1, max = 10000))]
     pub speed: f64,
+    /// Whether this file states camera, lamp and object only roughly: the truth is drawn from the seed about it, for calibrations
+    /// to find. Left out: it states them exactly.
+    #[serde(default)]
+    pub hidden: bool,
 }

@@ -174,6 +174,7 @@ impl RawRig {
                 },
                 seed: s.seed,
                 speed: s.speed,
+                hidden: s.hidden,
             }),
         })
     }

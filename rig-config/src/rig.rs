@@ -250,4 +250,6 @@ pub struct Simulation {
     pub seed: u64,
     /// How many times faster than real motion, exposure and waiting pass.
     pub speed: f64,
+    /// True if the rig file states camera, lamp and object only roughly: the truth is drawn from the seed about it.
+    pub hidden: bool,
 }

@@ -2,6 +2,7 @@
 
 use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::image::{Image, RadianceImage};
+use crate::numerics::radiometry::response::Response;
 
 /// Levels from here on count as clipped: a camera's curve is flat there.
 const CLIPPED: u8 = 250;
@@ -10,7 +11,12 @@ const CLIPPED: u8 = 250;
 /// nearer to sRGB's than to a straight line. Grey is the mean of the channels; 1 is full scale.
 pub fn from_levels(picture: &Image<[u8; 3]>) -> Spots {
     let linear: Vec<f32> = (0..=255_u8).map(|level| srgb(f32::from(level) / 255.0) / 3.0).collect();
-    let grey = |p: &[u8; 3]| p.iter().map(|&c| linear[usize::from(c)]).sum();
+    from_table(picture, [linear.as_slice(); 3])
+}
+
+/// A third of every channel's exposure by level.
+fn from_table(picture: &Image<[u8; 3]>, linear: [&[f32]; 3]) -> Spots {
+    let grey = |p: &[u8; 3]| p.iter().zip(linear).map(|(&level, linear)| linear[usize::from(level)]).sum();
     let map = |pixels| Image { width: picture.width, height: picture.height, pixels };
     Spots {
         level: map(picture.pixels.iter().map(grey).collect()),
@@ -24,6 +30,13 @@ pub fn from_levels(picture: &Image<[u8; 3]>) -> Spots {
 
 fn srgb(level: f32) -> f32 {
     if level <= 0.04045 { level / 12.92 } else { ((level + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Levels of a camera's picture through its measured response: exposures, mean of the channels, 1 at the response's reference level.
+pub fn through_response(picture: &Image<[u8; 3]>, response: &Response) -> Spots {
+    let linear: [Vec<f32>; 3] =
+        response.log_exposure.each_ref().map(|curve| curve.iter().map(|g| (g.exp() / 3.0) as f32).collect());
+    from_table(picture, [0, 1, 2].map(|c: usize| linear[c].as_slice()))
 }
 
 /// Mean radiance of the channels. Pixels that are not valid take the mean of the valid ones around their patch: a spot clipped in
