@@ -10,7 +10,9 @@ use rigd::numerics::calibration::lights::plane::Plane;
 use rigd::numerics::geometry::{Projection, Vec3};
 use rigd::numerics::radiometry::noise::SensorNoise;
 use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Response};
-use rigd::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, board_pose, calibrate_camera, find_board};
+use rigd::pipeline::calibration::camera::{
+    Board, CameraCalibration, Photograph, board_pose, calibrate_camera, find_board,
+};
 use rigd::pipeline::calibration::lights::{
     CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_intensity, calibrate_lights, frames,
 };
@@ -95,9 +97,8 @@ fn measure(studio: &mut Studio) -> Measured {
     let (columns, rows, square_mm) = BOARD;
     let board = Board { columns, rows, square_mm };
     let begin = Instant::now();
-    let views: Vec<(String, Vec<u8>)> = (0..VIEWS)
-        .map(|view| (format!("view {view}"), studio.shoot(Placed::Board { view }, FRONT, "1/4")))
-        .collect();
+    let views: Vec<(String, Vec<u8>)> =
+        (0..VIEWS).map(|view| (format!("view {view}"), studio.shoot(Placed::Board { view }, FRONT, "1/4"))).collect();
     let photographs: Vec<_> = views.iter().map(|(name, bytes)| Photograph { name, bytes }).collect();
     let camera = calibrate_camera(&photographs, &board).unwrap();
     let projection = camera.projection();
@@ -214,8 +215,7 @@ fn response_error(studio: &Studio, response: &Response) -> f64 {
         };
         let lowest = (1..128).find(clear).unwrap();
         let error = |z: usize| response.log_exposure[c][z].exp() / (tone.charge(z as f64) / unit) - 1.0;
-        let (at, most) =
-            (lowest..=245).map(|z| (z, error(z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap();
+        let (at, most) = (lowest..=245).map(|z| (z, error(z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap();
         let beyond = (lowest..=245).filter(|z| error(*z).abs() > 0.005).collect::<Vec<_>>();
         println!("channel {c}: used from {lowest}, worst {:+.3} % at {at}, beyond 0.5 %: {beyond:?}", 100.0 * most);
         worst = worst.max(most.abs());
