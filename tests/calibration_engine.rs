@@ -208,7 +208,7 @@ fn a_calibration_finds_the_hidden_truth_and_a_session_uses_it() {
     let dataset: toml::Value = toml::from_str(&text).unwrap();
     let center: Vec<f64> =
         dataset["object"]["center_mm"].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect();
-    let off = Vec3::from_row_slice(&center) - world.scene().sphere().center;
+    let off = Vec3::from_row_slice(&center) - truth.object.center;
     println!("sample's centre {off:?} off");
     assert!(off.norm() < 2.0, "{off:?}");
 }
