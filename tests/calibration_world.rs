@@ -9,7 +9,7 @@ use rigd::numerics::calibration::lights::card::Card;
 use rigd::numerics::calibration::lights::plane::Plane;
 use rigd::numerics::geometry::{Projection, Vec3};
 use rigd::numerics::radiometry::noise::SensorNoise;
-use rigd::numerics::radiometry::response::{REFERENCE_LEVEL, Response};
+use rigd::numerics::radiometry::response::Response;
 use rigd::pipeline::calibration::camera::{
     Board, CameraCalibration, Photograph, board_pose, calibrate_camera, find_board,
 };
@@ -207,13 +207,8 @@ fn response_error(studio: &Studio, response: &Response) -> f64 {
     let camera = &studio.rig.camera;
     let mut worst = 0.0_f64;
     for (c, tone) in world.truth().tones.iter().enumerate() {
-        let unit = tone.charge(REFERENCE_LEVEL as f64);
-        let clear = |level: &usize| {
-            let e = tone.charge(*level as f64) * camera.full_well_e;
-            e > 10.0 * (e + camera.read_noise_e.powi(2)).sqrt()
-        };
-        let lowest = (1..128).find(clear).unwrap();
-        let error = |z: usize| response.log_exposure[c][z].exp() / (tone.charge(z as f64) / unit) - 1.0;
+        let lowest = tone.lowest_used(camera.full_well_e, camera.read_noise_e);
+        let error = |z: usize| response.log_exposure[c][z].exp() / tone.exposure(z) - 1.0;
         let (at, most) = (lowest..=245).map(|z| (z, error(z))).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap();
         let beyond = (lowest..=245).filter(|z| error(*z).abs() > 0.005).collect::<Vec<_>>();
         println!("channel {c}: used from {lowest}, worst {:+.3} % at {at}, beyond 0.5 %: {beyond:?}", 100.0 * most);

@@ -72,6 +72,7 @@ fn rig() -> Rig {
             read_noise_e: 30.0,
         },
         object: rig_config::Sphere { center_mm: [0.0, 0.0, 1500.0], radius_mm: 30.0 },
+        calibration: None,
         plan: rig_config::Plan {
             stations_deg: vec![-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0],
             exposures: exposures.into_iter().map(label).collect(),

@@ -1,4 +1,6 @@
-//! The daemon put together: devices, store, engine and HTTP of one rig, in this process.
+//! The daemon put together: devices, store, engine and HTTP of one rig, in this process; before a simulated rig an operator as well.
+
+mod operator;
 
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
@@ -15,6 +17,7 @@ use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::SharedPose;
 use crate::store::Store;
 use anyhow::Context;
+use operator::Operator;
 use rig_config::{ArmDriver, CameraDriver, Rig};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -42,11 +45,11 @@ impl Daemon {
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken.
     pub async fn start(rig: Rig, rig_text: String) -> anyhow::Result<Self> {
-        let pose = SharedPose::default();
+        let (pose, operator) = (SharedPose::default(), Operator::default());
         let speed = rig.simulation.as_ref().map_or(1.0, |s| s.speed);
         let parts = EngineParts {
             open_arm: arm_factory(&rig, &pose)?,
-            open_camera: camera_factory(&rig, &pose)?,
+            open_camera: camera_factory(&rig, &pose, &operator)?,
             store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?,
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
@@ -57,6 +60,7 @@ impl Daemon {
         let listener = bind(listen).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
+        operator.serve(&engine);
         let shutdown = CancellationToken::new();
         let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
         let http = tokio::spawn(http::serve(listener, state));
@@ -112,7 +116,7 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     }
 }
 
-fn camera_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenCamera> {
+fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator) -> anyhow::Result<OpenCamera> {
     match (&rig.camera.driver, &rig.simulation) {
         (CameraDriver::Gphoto2 { .. }, _) => Err(bad_input(
             "camera.driver = \"gphoto2\" is not available in this version: use \"replay\" or \"simulated\"",
@@ -122,10 +126,10 @@ fn camera_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenCamera> {
             Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
         }
         (CameraDriver::Simulated, Some(simulation)) if rig.arm.driver == ArmDriver::Simulated => {
-            let (rig, simulation, pose) = (rig.clone(), simulation.clone(), pose.clone());
+            let (rig, simulation, pose, operator) = (rig.clone(), simulation.clone(), pose.clone(), operator.clone());
             Ok(Box::new(move || {
                 let camera = SimulatedCamera::new(&rig, &simulation, pose.clone(), CameraFaults::default());
-                Ok(Box::new(camera) as Box<dyn Camera>)
+                Ok(Box::new(operator.attend(camera)) as Box<dyn Camera>)
             }))
         }
         (CameraDriver::Simulated, _) => Err(bad_input(

@@ -1,5 +1,6 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
+use super::calibration::response::ResponseCalibration;
 use super::decode::{Format, decode_into};
 use super::fine::fine_levels;
 use crate::numerics::image::{Image, RadianceImage};
@@ -57,6 +58,33 @@ pub struct Known {
     /// The exposure that keeps its time: one reference for all lights.
     pub reference: usize,
 }
+
+impl Known {
+    /// What a calibration tells of a bracket of these expected times (seconds, any order): its response, and its times where it has
+    /// measured them.
+    ///
+    /// # Errors
+    /// A response that is none.
+    pub fn of(calibration: &ResponseCalibration, expected_s: &[f64]) -> Result<Self, String> {
+        let near = |t: f64| calibration.exposures.iter().find(|e| (e.nominal_s / t).ln().abs() < SAME_TIME);
+        let mut frames: Vec<(f64, bool)> = expected_s
+            .iter()
+            .map(|&t| near(t).map_or((t, false), |e| (e.estimated_s, e.name == calibration.reference)))
+            .collect();
+        frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let from_one_second = |i: &usize| frames[*i].0.ln().abs();
+        let nearest = (0..frames.len()).min_by(|a, b| from_one_second(a).total_cmp(&from_one_second(b)));
+        Ok(Self {
+            response: calibration.response()?,
+            exponent_sigma: calibration.exponent_sigma,
+            reference: frames.iter().position(|(_, reference)| *reference).or(nearest).unwrap_or(0),
+            times_s: frames.into_iter().map(|(time_s, _)| time_s).collect(),
+        })
+    }
+}
+
+/// Times that differ by less than this, in natural logarithms, are the same third of a stop.
+const SAME_TIME: f64 = 0.1;
 
 /// Why a bracket cannot be developed.
 #[derive(Clone, Debug, thiserror::Error)]

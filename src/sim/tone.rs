@@ -35,6 +35,21 @@ impl Tone {
         }
         0.5 * (low + high)
     }
+
+    /// Exposure of a level, 1 at level 128: what a measured response says.
+    pub fn exposure(&self, level: usize) -> f64 {
+        self.charge(level as f64) / self.charge(128.0)
+    }
+
+    /// The lowest level whose charge is ten times the noise of one sample (photons and read noise, electrons): below, one sample says
+    /// little.
+    pub fn lowest_used(&self, full_well_e: f64, read_noise_e: f64) -> usize {
+        let clear = |level: &usize| {
+            let electrons = self.charge(*level as f64) * full_well_e;
+            electrons > 10.0 * (electrons + read_noise_e * read_noise_e).sqrt()
+        };
+        (1..128).find(clear).unwrap_or(128)
+    }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot}
 use rigd::pipeline::fit::{FitProgress, OnProgress};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
-use rigd::session::processing::{Bracket, FitJob, Processing};
+use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::SessionState;
 use rigd::store::{Disk, RealDisk, Step, Store};
 use serde_json::{Value, json};
@@ -78,6 +78,7 @@ pub fn rig() -> Rig {
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000 },
         server: Server { listen: "127.0.0.1:0".parse().unwrap() },
         simulation: None,
+        calibration: None,
     }
 }
 
@@ -95,6 +96,8 @@ pub struct World {
     pub shots: Vec<(usize, usize, u16, f64)>,
     pub developed: Vec<(usize, usize)>,
     pub fitted: Vec<usize>,
+    /// Step and its frames.
+    pub judged: Vec<(String, usize)>,
 }
 
 /// What the fake camera does with a shot.
@@ -387,6 +390,17 @@ impl Processing for FakeProcessing {
         Ok(Value::Null)
     }
 
+    fn judge(&mut self, job: &StepJob) -> Result<Judged, String> {
+        let name = job.plan.steps[job.step].step.name();
+        let shot: usize = job.frames[job.plan.stations_of(job.step)].iter().map(Vec::len).sum();
+        self.0.world().judged.push((name.clone(), shot));
+        match self.0.step_script.lock().unwrap()(&name) {
+            Some(reason) if reason.starts_with("fatal") => Err(reason),
+            Some(reason) => Ok(Judged::Refused(reason)),
+            None => Ok(Judged::Accepted(json!({"frames": shot}))),
+        }
+    }
+
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
         if let Some(reason) = self.0.step_script.lock().unwrap()("fit") {
             return Err(reason);
@@ -394,7 +408,7 @@ impl Processing for FakeProcessing {
         if progress(FitProgress { iteration: 1, cost: 2.5 }).is_break() {
             return Err("the fit was cancelled".into());
         }
-        self.0.world().fitted.push(job.light_positions_mm.len());
+        self.0.world().fitted.push(job.stations.len());
         Ok(json!({"mean_relative_error": 0.04, "iterations": 3, "termination": "converged"}))
     }
 }

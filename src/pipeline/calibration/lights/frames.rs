@@ -39,12 +39,18 @@ pub fn through_response(picture: &Image<[u8; 3]>, response: &Response) -> Spots 
     from_table(picture, [0, 1, 2].map(|c: usize| linear[c].as_slice()))
 }
 
+/// A patch whose surroundings reach this part of the brightest pixel is taken for clipped, not for dark: what surrounds a spot that
+/// was clipped in every exposure is nearly so itself, and darkness is surrounded by what the longest exposure just shows.
+const CLIPPED_SURROUNDINGS: f64 = 0.1;
+
 /// Mean radiance of the channels. Pixels that are not valid take the mean of the valid ones around their patch: a spot clipped in
 /// every exposure stays bright, darkness stays dark.
 pub fn from_radiance(image: &RadianceImage) -> Spots {
     let (width, height) = (image.radiance.width, image.radiance.height);
     let mut level: Vec<f32> = image.radiance.pixels.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect();
     let invalid: Vec<bool> = image.valid.pixels.iter().map(|v| !v).collect();
+    let brightest = level.iter().zip(&invalid).filter(|(_, invalid)| !**invalid).map(|(l, _)| *l).fold(0.0, f32::max);
+    let mut clipped = invalid.clone();
     let mut seen = vec![false; level.len()];
     for start in 0..level.len() {
         if !invalid[start] || seen[start] {
@@ -73,9 +79,13 @@ pub fn from_radiance(image: &RadianceImage) -> Spots {
             }
         }
         let mean = (sum / count.max(1) as f64) as f32;
-        patch.into_iter().for_each(|i| level[i] = mean);
+        let dark = count > 0 && f64::from(mean) < CLIPPED_SURROUNDINGS * f64::from(brightest);
+        for i in patch {
+            level[i] = mean;
+            clipped[i] = !dark;
+        }
     }
-    Spots { level: Image { width, height, pixels: level }, clipped: Image { width, height, pixels: invalid } }
+    Spots { level: Image { width, height, pixels: level }, clipped: Image { width, height, pixels: clipped } }
 }
 
 #[cfg(test)]
@@ -96,6 +106,6 @@ mod tests {
         }
         let spots = from_radiance(&image);
         assert_eq!((*spots.level.at(2, 2), *spots.level.at(7, 2)), (100.0, 1.0));
-        assert_eq!(spots.clipped.pixels.iter().filter(|c| **c).count(), 2);
+        assert_eq!((*spots.clipped.at(2, 2), spots.clipped.pixels.iter().filter(|c| **c).count()), (true, 1));
     }
 }
