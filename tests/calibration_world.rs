@@ -29,7 +29,7 @@ use std::time::Instant;
 const VIEWS: usize = 12;
 /// Where the lamp stands for board and response, degrees.
 const FRONT: f64 = 15.0;
-const BRACKET: [&str; 11] = ["1/1000", "1/250", "1/30", "1/15", "1/8", "1/4", "0.5", "1", "2", "4", "8"];
+const BRACKET: [&str; 10] = ["1/1000", "1/250", "1/15", "1/8", "1/4", "0.5", "1", "2", "4", "8"];
 
 fn rig(seed: u64) -> Rig {
     let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
@@ -271,13 +271,12 @@ fn every_thing_is_whole_in_the_picture_and_no_ball_hides_another() {
 /// The bars: 2 mm, and 1 % from the level whose charge is ten times the noise of one sample to 245.
 #[test]
 fn the_hidden_truth_is_recovered() {
-    for seed in [1, 2] {
-        let errors = recover(seed);
-        assert!(errors.lights_mm.iter().all(|e| *e < 2.0), "seed {seed}: {:?}", errors.lights_mm);
-        assert!(errors.response < 0.01, "seed {seed}: {}", errors.response);
-        assert!(errors.times < 0.02 && errors.intensity < 0.01, "seed {seed}: {} {}", errors.times, errors.intensity);
-        assert!(errors.focal.abs() < 0.001 && errors.principal_px < 2.0, "seed {seed}");
-    }
+    let errors = recover(2);
+    assert!(errors.lights_mm.iter().all(|e| *e < 2.0), "{:?}", errors.lights_mm);
+    assert!(errors.balls_mm.iter().all(|e| *e < 2.0), "{:?}", errors.balls_mm);
+    assert!(errors.response < 0.01, "{}", errors.response);
+    assert!(errors.times < 0.02 && errors.intensity < 0.01, "{} {}", errors.times, errors.intensity);
+    assert!(errors.focal.abs() < 0.001 && errors.principal_px < 2.0, "{} {}", errors.focal, errors.principal_px);
 }
 
 /// More seeds than a test has time for; prints what docs/calibrate-lights.md and docs/calibrate-response.md state.

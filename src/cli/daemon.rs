@@ -35,6 +35,7 @@ pub struct Daemon {
     /// Where it listens: `http://127.0.0.1:PORT`.
     pub url: String,
     engine: EngineHandle,
+    operator: Operator,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -60,16 +61,17 @@ impl Daemon {
         let listener = bind(listen).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
-        operator.serve(&engine);
+        operator.serve(Some(engine.clone()));
         let shutdown = CancellationToken::new();
         let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
         let http = tokio::spawn(http::serve(listener, state));
-        Ok(Self { url, engine, shutdown, http })
+        Ok(Self { url, engine, operator, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
     pub async fn stop(self) -> anyhow::Result<()> {
         let engine = self.engine;
+        self.operator.serve(None);
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;

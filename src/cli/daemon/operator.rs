@@ -5,20 +5,19 @@ use crate::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot
 use crate::session::handle::{EngineHandle, Step};
 use crate::sim::camera::SimulatedCamera;
 use crate::sim::stage::{Placed, StageHandle};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Puts things on the stage as a calibration asks for them. The engine tells what that is, and is there only after its camera.
 #[derive(Clone, Default)]
 pub(super) struct Operator {
-    engine: Arc<OnceLock<EngineHandle>>,
+    engine: Arc<Mutex<Option<EngineHandle>>>,
     stage: StageHandle,
 }
 
 impl Operator {
-    /// From now on this engine is asked.
-    pub(super) fn serve(&self, engine: &EngineHandle) {
-        // One engine a daemon: a second one would find the first still there.
-        let _ = self.engine.set(engine.clone());
+    /// From now on this engine is asked; with none, the operator leaves: who holds an engine's handle holds its data directory.
+    pub(super) fn serve(&self, engine: Option<EngineHandle>) {
+        *self.engine.lock().unwrap_or_else(PoisonError::into_inner) = engine;
     }
 
     /// A camera before which everything is in place when it shoots.
@@ -27,7 +26,8 @@ impl Operator {
     }
 
     fn place(&self) {
-        self.stage.place(self.engine.get().map_or(Placed::Sample, asked_for));
+        let engine = self.engine.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        self.stage.place(engine.as_ref().map_or(Placed::Sample, asked_for));
     }
 }
 
