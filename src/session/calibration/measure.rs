@@ -3,7 +3,7 @@
 
 use super::file::{CalibrationFile, NAME};
 use super::plan::PlannedStep;
-use super::radiance::{Station, Stations};
+use super::radiance::{self, RadianceError, Stations};
 use super::step::Step;
 use crate::pipeline::calibration::camera::{
     Board, CameraCalibration, Found, Photograph, calibrate_camera, card_on_board, look_at_view,
@@ -105,7 +105,7 @@ impl Measuring {
             range.clone().map(|s| rig.lamp.position_mm(job.plan.station(s).map_or(0.0, |(_, a)| a))).collect();
         let lights = LightsCalibration::nominal(&nominal);
         let shot: Vec<CardFrame> =
-            range.clone().enumerate().map(|(light, s)| CardFrame { light, file: Station::file(s) }).collect();
+            range.clone().enumerate().map(|(light, s)| CardFrame { light, file: radiance::file(s) }).collect();
         let load = |name: &str| stations.radiance(name);
         let found = intensities(&lights, &camera.projection(), &card, &shot, &load).map_err(refuse)?;
         let usable = found.lights.iter().filter(|light| light.intensity.is_some()).count();
@@ -140,7 +140,7 @@ impl Measuring {
         let shot: Vec<CardFrame> = cards
             .filter_map(|station| {
                 let light = lights.iter().position(|light| light.angle_deg == angle(station))?;
-                Some(CardFrame { light, file: Station::file(station) })
+                Some(CardFrame { light, file: radiance::file(station) })
             })
             .collect();
         let load = |name: &str| stations.radiance(name);
@@ -261,11 +261,11 @@ fn summary_of(file: &CalibrationFile) -> Value {
     })
 }
 
-impl From<super::radiance::RadianceError> for Stop {
-    fn from(error: super::radiance::RadianceError) -> Self {
+impl From<RadianceError> for Stop {
+    fn from(error: RadianceError) -> Self {
         match error {
-            super::radiance::RadianceError::Frames(reason) => Self::Refuse(reason),
-            super::radiance::RadianceError::Disk(reason) => Self::Fail(reason),
+            RadianceError::Frames(reason) => Self::Refuse(reason),
+            RadianceError::Disk(reason) => Self::Fail(reason),
         }
     }
 }

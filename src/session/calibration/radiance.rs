@@ -30,14 +30,9 @@ pub enum RadianceError {
 /// The exposure for outlines is the longest with no larger a share of clipped pixels: those of highlights.
 const MOST_CLIPPED: f64 = 0.002;
 
-/// A station's place on disk.
-pub struct Station;
-
-impl Station {
-    /// Its radiance, below the run's directory.
-    pub fn file(station: usize) -> String {
-        format!("radiance/{station:03}.exr")
-    }
+/// Where a station's radiance is, below the run's directory.
+pub fn file(station: usize) -> String {
+    format!("radiance/{station:03}.exr")
 }
 
 /// The stations of a run.
@@ -121,19 +116,13 @@ impl<'a> Stations<'a> {
             let developed =
                 develop(&frames, None, Some(&known), &noise).map_err(|e| RadianceError::Frames(e.to_string()))?;
             let attributes = [("rigd.session", self.job.manifest.id.clone()), ("rigd.station", station.to_string())];
-            write_radiance(
-                &self.job.directory.join(Station::file(station)),
-                &developed.image,
-                (0, 0),
-                camera,
-                &attributes,
-            )
-            .map_err(RadianceError::Disk)?;
+            write_radiance(&self.job.directory.join(file(station)), &developed.image, (0, 0), camera, &attributes)
+                .map_err(RadianceError::Disk)?;
         }
         Ok(())
     }
 
-    /// Radiance by the name of [`Station::file`].
+    /// Radiance by the name of [`file`].
     pub fn radiance(&self, name: &str) -> Result<RadianceImage, String> {
         let size = (self.rig.camera.width, self.rig.camera.height);
         read_radiance(&self.job.directory.join(name), size).map_err(|e| e.reason)
