@@ -161,7 +161,7 @@ fn a_calibration_finds_the_hidden_truth_and_a_session_uses_it() {
     }
     let twice = turn(&engine, &id);
     let told = twice.verdicts.last().unwrap();
-    assert!(!told.accepted && told.reason.as_ref().unwrap().contains("same"), "{told:?}");
+    assert!(!told.accepted && told.reason.as_ref().unwrap().contains("exactly where"), "{told:?}");
     engine.command_calibration(&id, Verb::Abort).unwrap();
     until("the abort", || (engine.calibration(&id).unwrap().state == S::Aborted).then_some(()));
 

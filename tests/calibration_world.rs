@@ -31,6 +31,9 @@ const VIEWS: usize = 12;
 const FRONT: f64 = 15.0;
 const BRACKET: [&str; 10] = ["1/1000", "1/250", "1/15", "1/8", "1/4", "0.5", "1", "2", "4", "8"];
 
+/// The exposure that shows the balls' outlines; the first shows their highlights.
+const OUTLINES: usize = 4;
+
 fn rig(seed: u64) -> Rig {
     let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
     let mut rig = Rig::from_toml(text, "simulated-calibration").unwrap();
@@ -127,10 +130,15 @@ fn measure(studio: &mut Studio) -> Measured {
     let mut spots = HashMap::new();
     let mut named = Vec::new();
     for (angle, files) in stations.iter().zip(&balls) {
-        let developed = develop(&listed(files, &known.times_s), None, Some(&known), &studio.noise()).unwrap();
-        let name = format!("balls at {angle}");
-        spots.insert(name.clone(), frames::from_radiance(&developed.image));
-        named.push(LightFrames { angle_deg: Some(*angle), silhouette: name.clone(), highlight: name });
+        let name = |what: &str| format!("{what} at {angle}");
+        for (what, file) in [("highlights", &files[0]), ("outlines", &files[OUTLINES])] {
+            spots.insert(name(what), frames::through_response(&decode(file).unwrap(), &known.response));
+        }
+        named.push(LightFrames {
+            angle_deg: Some(*angle),
+            silhouette: name("outlines"),
+            highlight: name("highlights"),
+        });
     }
     let settings = LightsSettings {
         projection: projection.clone(),

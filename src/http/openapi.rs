@@ -84,6 +84,9 @@ fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
 /// A name that is not blank and holds no control character.
 const NAME: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$";
 
+/// An id, or a word for one.
+const CALIBRATION: &str = "^(latest|none|[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12})$";
+
 /// What a request may hold on this rig, which types alone do not say.
 fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     let Some(RefOr::T(Schema::Object(request))) = request else { return };
@@ -91,6 +94,7 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     for (key, property) in &mut request.properties {
         match (key.as_str(), property) {
             ("name", RefOr::T(Schema::Object(text))) => text.pattern = Some(NAME.into()),
+            ("calibration", RefOr::T(Schema::Object(text))) => text.pattern = Some(CALIBRATION.into()),
             ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_STATIONS, |angle| {
                 (angle.minimum, angle.maximum) = (Some(lower.into()), Some(upper.into()));
             }),

@@ -8,7 +8,7 @@ use super::bench::Bench;
 use super::book::Book;
 use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
-use super::quality::{self, Fingerprint};
+use super::quality::{self, Fingerprint, Optics};
 use super::state::Event;
 use super::work::Work;
 use super::worker::Job;
@@ -68,6 +68,8 @@ pub struct Acquisition<'a> {
     bracket: usize,
     recoveries: usize,
     last: Option<Fingerprint>,
+    /// The calibration in use, until the first frame was held against it.
+    to_doubt: Option<CalibrationFile>,
     start: Instant,
     held: Duration,
 }
@@ -97,6 +99,7 @@ impl<'a> Acquisition<'a> {
             bracket: 0,
             recoveries: 0,
             last: None,
+            to_doubt: None,
             start: Instant::now(),
             held: Duration::ZERO,
         })
@@ -136,7 +139,7 @@ impl<'a> Acquisition<'a> {
         let opened = self.bench.open();
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(Ended::Failed)?;
-        self.doubt_calibration(&arm, &camera)?;
+        self.doubt_devices(&arm, &camera)?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
         self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
@@ -144,10 +147,21 @@ impl<'a> Acquisition<'a> {
     }
 
     /// Journals what the devices say against the calibration this session uses.
-    fn doubt_calibration(&mut self, arm: &str, camera: &str) -> Result<(), Ended> {
+    fn doubt_devices(&mut self, arm: &str, camera: &str) -> Result<(), Ended> {
         let directory = self.book.look(self.id, |entry| entry.directory.clone()).unwrap_or_default();
         let Some(calibration) = CalibrationFile::of_session(&directory).map_err(Ended::Failed)? else { return Ok(()) };
         let warnings = stale::other_devices(&calibration, arm, camera);
+        self.to_doubt = Some(calibration);
+        self.doubt(warnings)
+    }
+
+    /// Journals what the first frame says against it.
+    fn doubt_optics(&mut self, frame: &RawFrame) -> Result<(), Ended> {
+        let Some(calibration) = self.to_doubt.take() else { return Ok(()) };
+        self.doubt(stale::other_optics(&calibration, &Optics::of(&frame.bytes)))
+    }
+
+    fn doubt(&mut self, warnings: Vec<String>) -> Result<(), Ended> {
         if warnings.is_empty() { Ok(()) } else { self.record("calibration.doubted", json!({"warnings": warnings})) }
     }
 
@@ -183,7 +197,7 @@ impl<'a> Acquisition<'a> {
                 Ok((frame, fingerprint)) => {
                     self.check_light(angle_deg)?;
                     match self.commit(&shot, attempt, &frame, &fingerprint) {
-                        Ok(()) => return Ok(()),
+                        Ok(()) => return Ok(self.doubt_optics(&frame)?),
                         Err(error @ StoreError::NoSpace { .. }) => {
                             self.suspend(&error, frame.bytes.len() as u64)?;
                             self.check_light(angle_deg)?;

@@ -15,6 +15,7 @@ pub struct StartRequest {
     /// The bracket as shutter labels (`1/100`, `0.4`, `15`), in shooting order.
     pub exposures: Option<Vec<String>>,
     /// The calibration to use: an id, `latest`, or `none` for the rig file's geometry. Left out: the latest that fits, else the rig file.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<String>,
 }
 

@@ -11,6 +11,7 @@ use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use rigd::pipeline::fit::{FitProgress, OnProgress};
+use rigd::session::calibration::file::{self, CalibrationFile};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
 use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
@@ -121,6 +122,8 @@ pub struct Fakes {
     pub arm_script: Arc<Mutex<ArmScript>>,
     pub camera_script: Arc<Mutex<CameraScript>>,
     pub step_script: Arc<Mutex<StepScript>>,
+    /// What the last step of a calibration measures.
+    pub measured: Arc<Mutex<Option<CalibrationFile>>>,
     pub disk: Arc<TestDisk>,
 }
 
@@ -131,6 +134,7 @@ impl Default for Fakes {
             arm_script: Arc::new(Mutex::new(Box::new(|_, _| None))),
             camera_script: Arc::new(Mutex::new(Box::new(|_, _, _| Act::Good))),
             step_script: Arc::new(Mutex::new(Box::new(|_| None))),
+            measured: Arc::default(),
             disk: Arc::default(),
         }
     }
@@ -174,11 +178,16 @@ impl Fakes {
     }
 
     pub fn try_engine(&self, data: &Path, rig: Rig) -> Result<EngineHandle, EngineError> {
+        self.engine_of(data, rig, "name = \"fake rig\"")
+    }
+
+    /// An engine whose manifests hold this rig file.
+    pub fn engine_of(&self, data: &Path, rig: Rig, rig_text: &str) -> Result<EngineHandle, EngineError> {
         let store = self.store(data);
         let (arm, camera) = (self.clone(), self.clone());
         start(EngineParts {
             rig,
-            rig_text: "name = \"fake rig\"".into(),
+            rig_text: rig_text.into(),
             store,
             open_arm: Box::new(move || arm.open_arm()),
             open_camera: Box::new(move || camera.open_camera()),
@@ -371,6 +380,16 @@ impl Drop for FakeCamera {
     }
 }
 
+/// The calibration as the run's own.
+fn write_measured(job: &StepJob, found: CalibrationFile) {
+    let manifest = &job.manifest;
+    let (arm, camera_model, version) = (manifest.arm.clone(), manifest.camera.clone(), manifest.version.unwrap());
+    let found = CalibrationFile { id: manifest.id.clone(), version, arm, camera_model, ..found };
+    let path = file::path(&job.directory);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, serde_json::to_vec(&found).unwrap()).unwrap();
+}
+
 struct FakeProcessing(Fakes);
 
 impl Processing for FakeProcessing {
@@ -397,7 +416,13 @@ impl Processing for FakeProcessing {
         match self.0.step_script.lock().unwrap()(&name) {
             Some(reason) if reason.starts_with("fatal") => Err(reason),
             Some(reason) => Ok(Judged::Refused(reason)),
-            None => Ok(Judged::Accepted(json!({"frames": shot}))),
+            None => {
+                let measured = self.0.measured.lock().unwrap().clone();
+                if let Some(found) = measured.filter(|_| name == "balls") {
+                    write_measured(job, found);
+                }
+                Ok(Judged::Accepted(json!({"frames": shot})))
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::pipeline::calibration::camera::CameraCalibration;
 use crate::pipeline::calibration::lights::LightsCalibration;
 use crate::pipeline::calibration::response::ResponseCalibration;
+use crate::session::quality::Optics;
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -35,6 +36,9 @@ pub struct CalibrationFile {
     pub arm: Option<String>,
     /// Model of the camera.
     pub camera_model: Option<String>,
+    /// Body and lens as its frames name them.
+    #[serde(default)]
+    pub optics: Optics,
     /// Frames it was measured on, by name.
     pub frames: Vec<String>,
     /// Focal length, principal point, distortion.

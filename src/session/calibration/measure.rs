@@ -3,16 +3,17 @@
 
 use super::file::{CalibrationFile, NAME};
 use super::plan::PlannedStep;
-use super::radiance::{Station, Stations};
+use super::radiance::{self, RadianceError, Stations};
 use super::step::Step;
 use crate::pipeline::calibration::camera::{
     Board, CameraCalibration, Found, Photograph, calibrate_camera, card_on_board, look_at_view,
 };
 use crate::pipeline::calibration::lights::{
-    CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_lights, frames, intensities,
+    CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_lights, intensities,
 };
 use crate::pipeline::calibration::response::ResponseCalibration;
 use crate::session::processing::{Judged, StepJob, clear, read_frame};
+use crate::session::quality::Optics;
 use rig_config::{Calibration, Rig};
 use serde_json::{Value, json};
 
@@ -95,7 +96,7 @@ impl Measuring {
         let camera = self.camera.as_ref().ok_or_else(|| fail("the camera is not calibrated"))?;
         let stations = Stations::of(job, rig);
         let range = job.plan.stations_of(job.step);
-        let response = stations.best_response(range.clone()).map_err(refuse)?;
+        let response = stations.response(range.clone())?;
         stations.develop(range.clone(), &response)?;
         let card = card_on_board(camera, &last_view(job)?, calibration.card_side_mm, reflectance(calibration))
             .map_err(fail)?;
@@ -104,7 +105,7 @@ impl Measuring {
             range.clone().map(|s| rig.lamp.position_mm(job.plan.station(s).map_or(0.0, |(_, a)| a))).collect();
         let lights = LightsCalibration::nominal(&nominal);
         let shot: Vec<CardFrame> =
-            range.clone().enumerate().map(|(light, s)| CardFrame { light, file: Station::file(s) }).collect();
+            range.clone().enumerate().map(|(light, s)| CardFrame { light, file: radiance::file(s) }).collect();
         let load = |name: &str| stations.radiance(name);
         let found = intensities(&lights, &camera.projection(), &card, &shot, &load).map_err(refuse)?;
         let usable = found.lights.iter().filter(|light| light.intensity.is_some()).count();
@@ -119,9 +120,8 @@ impl Measuring {
         let step = |step: Step| job.plan.steps.iter().position(|planned| planned.step == step);
         let card_step = step(Step::Card).ok_or_else(|| fail("the plan has no card"))?;
         let (cards, balls) = (job.plan.stations_of(card_step), job.plan.stations_of(job.step));
-        // The card shows hardly any range of levels; a ball's shading shows all.
-        let response = stations.best_response(balls.clone()).map_err(refuse)?;
-        stations.develop(cards.start..balls.end, &response)?;
+        let response = stations.response(balls.clone())?;
+        let curve = response.response().map_err(fail)?;
         let settings = LightsSettings {
             projection: camera.projection(),
             size: (rig.camera.width, rig.camera.height),
@@ -130,27 +130,23 @@ impl Measuring {
             angle_sigma_deg: rig.arm.tolerance_deg,
         };
         let angle = |station: usize| job.plan.station(station).map(|(_, angle)| angle);
-        let lights: Vec<LightFrames> = balls
-            .clone()
-            .map(|station| LightFrames {
-                angle_deg: angle(station),
-                silhouette: Station::file(station),
-                highlight: Station::file(station),
-            })
-            .collect();
-        let load = |name: &str| stations.radiance(name).map(|image| frames::from_radiance(&image));
+        let shown: Result<Vec<LightFrames>, _> = balls.map(|station| stations.of_balls(station, &curve)).collect();
+        let lights = shown?;
+        let load = |name: &str| stations.spots_of(name, &curve);
         let found = calibrate_lights(&lights, &load, &settings).map_err(refuse)?;
+        stations.develop(cards.clone(), &response)?;
         let card = card_on_board(camera, &last_view(job)?, calibration.card_side_mm, reflectance(calibration))
             .map_err(fail)?;
         let shot: Vec<CardFrame> = cards
             .filter_map(|station| {
                 let light = lights.iter().position(|light| light.angle_deg == angle(station))?;
-                Some(CardFrame { light, file: Station::file(station) })
+                Some(CardFrame { light, file: radiance::file(station) })
             })
             .collect();
         let load = |name: &str| stations.radiance(name);
         let lights = intensities(&found, &settings.projection, &card, &shot, &load).map_err(fail)?;
-        let file = self.file(job, camera, response, lights);
+        let first = read_frame(&job.directory, first_frame(job, 0)?).map_err(fail)?;
+        let file = CalibrationFile { optics: Optics::of(&first), ..self.file(job, camera, response, lights) };
         write(job, &file)?;
         Ok(summary_of(&file))
     }
@@ -174,6 +170,7 @@ impl Measuring {
             simulated: manifest.simulated,
             arm: manifest.arm.clone(),
             camera_model: manifest.camera.clone(),
+            optics: Optics::default(),
             frames: job.frames.iter().flatten().map(|frame| frame.file.clone()).collect(),
             warnings: all.cloned().collect(),
             camera: camera.clone(),
@@ -264,11 +261,11 @@ fn summary_of(file: &CalibrationFile) -> Value {
     })
 }
 
-impl From<super::radiance::RadianceError> for Stop {
-    fn from(error: super::radiance::RadianceError) -> Self {
+impl From<RadianceError> for Stop {
+    fn from(error: RadianceError) -> Self {
         match error {
-            super::radiance::RadianceError::Frames(reason) => Self::Refuse(reason),
-            super::radiance::RadianceError::Disk(reason) => Self::Fail(reason),
+            RadianceError::Frames(reason) => Self::Refuse(reason),
+            RadianceError::Disk(reason) => Self::Fail(reason),
         }
     }
 }

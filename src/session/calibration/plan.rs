@@ -106,9 +106,9 @@ impl CalibrationPlan {
 }
 
 impl PlannedStep {
-    /// True where brackets are shot that become radiance.
+    /// True where brackets are developed to radiance.
     pub fn is_developed(&self) -> bool {
-        matches!(self.step, Step::Card | Step::Balls)
+        self.step == Step::Card
     }
 }
 
@@ -126,12 +126,16 @@ fn steps(rig: &Rig, calibration: &Calibration) -> Vec<PlannedStep> {
     board.chain([card, balls]).collect()
 }
 
-/// Whether the lamp at this angle stands on the camera's side of the object, by the rig file's own geometry: the card faces about there.
+/// Whether the lamp at this angle stands on the camera's side of the object: the card faces about there.
 fn lights_the_card(rig: &Rig, angle_deg: f64) -> bool {
+    frontality(rig, angle_deg) > CARD_MOST_DEGREES.to_radians().cos()
+}
+
+/// Cosine between the ways from the object to the lamp at this angle and to the camera, by the rig file's own geometry.
+pub(super) fn frontality(rig: &Rig, angle_deg: f64) -> f64 {
     let object = Vec3::from(rig.object.center_mm);
     let to_lamp = Vec3::from(rig.lamp.position_mm(angle_deg)) - object;
-    let cosine = to_lamp.normalize().dot(&-object.normalize());
-    cosine > CARD_MOST_DEGREES.to_radians().cos()
+    to_lamp.normalize().dot(&-object.normalize())
 }
 
 impl From<&Shutter> for PlannedExposure {

@@ -1,9 +1,16 @@
-//! The brackets of a calibration run: their response, and their radiance on disk.
+//! The brackets of a calibration run: their response, the exposures that show balls, and radiance on disk.
 
+use super::plan;
+use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::noise::SensorNoise;
+use crate::numerics::radiometry::response::Response;
+use crate::pipeline::calibration::lights::LightFrames;
+use crate::pipeline::calibration::lights::frames::through_response;
 use crate::pipeline::calibration::response::{Method, ResponseCalibration, calibrate};
+use crate::pipeline::decode::decode;
 use crate::pipeline::develop::{BracketFrame, Known, develop, read_bracket};
+use crate::session::ledger::FrameRecord;
 use crate::session::processing::{StepJob, read_frame, write_radiance};
 use crate::store::exr::read_radiance;
 use rig_config::Rig;
@@ -20,14 +27,12 @@ pub enum RadianceError {
     Disk(String),
 }
 
-/// A station's place on disk.
-pub struct Station;
+/// The exposure for outlines is the longest with no larger a share of clipped pixels: those of highlights.
+const MOST_CLIPPED: f64 = 0.002;
 
-impl Station {
-    /// Its radiance, below the run's directory.
-    pub fn file(station: usize) -> String {
-        format!("radiance/{station:03}.exr")
-    }
+/// Where a station's radiance is, below the run's directory.
+pub fn file(station: usize) -> String {
+    format!("radiance/{station:03}.exr")
 }
 
 /// The stations of a run.
@@ -42,30 +47,61 @@ impl<'a> Stations<'a> {
         Self { job, rig }
     }
 
-    /// The response measured on the one of the stations whose bracket tells most: the one with most pixels exposed in two frames.
-    pub fn best_response(&self, stations: Range<usize>) -> Result<ResponseCalibration, RadianceError> {
-        let (mut best, mut refused) = (None::<(usize, ResponseCalibration)>, None);
-        for station in stations {
-            match self.response(station)? {
-                Ok(found) => {
-                    let overlap = found.exposures.iter().map(|time| time.overlap_pixels).sum();
-                    if best.as_ref().is_none_or(|(most, _)| overlap > *most) {
-                        best = Some((overlap, found));
-                    }
-                }
-                Err(reason) => refused = Some(reason),
-            }
-        }
-        let nothing = || RadianceError::Frames(refused.unwrap_or_else(|| "no bracket was shot".into()));
-        best.map(|(_, response)| response).ok_or_else(nothing)
-    }
-
-    /// The response one bracket tells, or why it tells none: a lamp behind the object leaves it dark.
-    fn response(&self, station: usize) -> Result<Result<ResponseCalibration, String>, RadianceError> {
+    /// The response measured at the most frontal of the stations, by the rig file's rough geometry: there the bracket shows most of what
+    /// stands there, from bright to dark.
+    pub fn response(&self, stations: Range<usize>) -> Result<ResponseCalibration, RadianceError> {
+        let frontal = |station: &usize| plan::frontality(self.rig, self.angle_deg(*station));
+        let station = stations.max_by(|a, b| frontal(a).total_cmp(&frontal(b)));
+        let station = station.ok_or_else(|| RadianceError::Frames("no bracket was shot".into()))?;
         let files = self.files(station)?;
         let frames: Vec<_> = files.iter().map(Shot::frame).collect();
-        let bracket = read_bracket(&frames, None).map_err(|e| RadianceError::Frames(e.to_string()))?;
-        Ok(calibrate(bracket, Method::Debevec).map(|found| found.calibration).map_err(|e| e.to_string()))
+        let unusable = |reason: String| RadianceError::Frames(format!("no response at station {station}: {reason}"));
+        let bracket = read_bracket(&frames, None).map_err(|e| unusable(e.to_string()))?;
+        calibrate(bracket, Method::Debevec).map(|found| found.calibration).map_err(|e| unusable(e.to_string()))
+    }
+
+    /// The exposures that show balls best: one for their outlines, one for their highlights.
+    pub fn of_balls(&self, station: usize, response: &Response) -> Result<LightFrames, RadianceError> {
+        let mut frames: Vec<&FrameRecord> = self.frames(station).iter().collect();
+        frames.sort_by(|a, b| a.true_s.total_cmp(&b.true_s));
+        let (mut silhouette, mut highlight) = (None, None);
+        for frame in frames {
+            let clipped = self.spots(frame, response).map_err(RadianceError::Frames)?.clipped.pixels;
+            let count = clipped.iter().filter(|clipped| **clipped).count();
+            if count == 0 || highlight.is_none() {
+                highlight = Some(frame);
+            }
+            if count as f64 <= MOST_CLIPPED * clipped.len() as f64 || silhouette.is_none() {
+                silhouette = Some(frame);
+            }
+        }
+        let name = |frame: Option<&FrameRecord>| frame.map(|frame| frame.file.clone());
+        let none = || RadianceError::Frames(format!("station {station} has no frame"));
+        Ok(LightFrames {
+            angle_deg: Some(self.angle_deg(station)),
+            silhouette: name(silhouette).ok_or_else(none)?,
+            highlight: name(highlight).ok_or_else(none)?,
+        })
+    }
+
+    /// A frame by its name, as the ball finder takes it.
+    pub fn spots_of(&self, name: &str, response: &Response) -> Result<Spots, String> {
+        let mut frames = self.job.frames.iter().flatten();
+        let frame = frames.find(|frame| frame.file == name).ok_or("there is no such frame")?;
+        self.spots(frame, response)
+    }
+
+    fn spots(&self, frame: &FrameRecord, response: &Response) -> Result<Spots, String> {
+        let bytes = read_frame(&self.job.directory, frame)?;
+        decode(&bytes).map(|picture| through_response(&picture, response)).map_err(|e| e.to_string())
+    }
+
+    fn angle_deg(&self, station: usize) -> f64 {
+        self.job.plan.station(station).map_or(0.0, |(_, angle)| angle)
+    }
+
+    fn frames(&self, station: usize) -> &'a [FrameRecord] {
+        self.job.frames.get(station).map_or(&[][..], Vec::as_slice)
     }
 
     /// Develops whole frames with this response; their radiance goes to disk.
@@ -80,31 +116,24 @@ impl<'a> Stations<'a> {
             let developed =
                 develop(&frames, None, Some(&known), &noise).map_err(|e| RadianceError::Frames(e.to_string()))?;
             let attributes = [("rigd.session", self.job.manifest.id.clone()), ("rigd.station", station.to_string())];
-            write_radiance(
-                &self.job.directory.join(Station::file(station)),
-                &developed.image,
-                (0, 0),
-                camera,
-                &attributes,
-            )
-            .map_err(RadianceError::Disk)?;
+            write_radiance(&self.job.directory.join(file(station)), &developed.image, (0, 0), camera, &attributes)
+                .map_err(RadianceError::Disk)?;
         }
         Ok(())
     }
 
-    /// Radiance by the name of [`Station::file`].
+    /// Radiance by the name of [`file`].
     pub fn radiance(&self, name: &str) -> Result<RadianceImage, String> {
         let size = (self.rig.camera.width, self.rig.camera.height);
         read_radiance(&self.job.directory.join(name), size).map_err(|e| e.reason)
     }
 
     fn files(&self, station: usize) -> Result<Vec<Shot<'_>>, RadianceError> {
-        let frames = self.job.frames.get(station).map_or(&[][..], Vec::as_slice);
-        let read = |frame: &'a crate::session::ledger::FrameRecord| {
+        let read = |frame: &'a FrameRecord| {
             let bytes = read_frame(&self.job.directory, frame).map_err(RadianceError::Disk)?;
             Ok(Shot { name: &frame.file, bytes, time_s: frame.true_s })
         };
-        frames.iter().map(read).collect()
+        self.frames(station).iter().map(read).collect()
     }
 }
 

@@ -3,7 +3,6 @@
 use crate::numerics::calibration::lights::balls::{self, Ball};
 use crate::numerics::geometry::{Projection, Vec3};
 use crate::numerics::image::Image;
-use crate::pipeline::calibration::lights::frames::from_radiance;
 use crate::store::dataset::radiance_name;
 use crate::store::exr::read_radiance;
 use rig_config::Rig;
@@ -19,8 +18,9 @@ pub fn find(directory: &Path, rig: &Rig, stations: usize) -> Result<Ball, String
     let mut mean = Image::filled(size.0, size.1, 0.0_f32);
     for station in 0..stations {
         let image = read_radiance(&directory.join(radiance_name(station)), size).map_err(|e| e.to_string())?;
-        for (sum, level) in mean.pixels.iter_mut().zip(&from_radiance(&image).level.pixels) {
-            *sum += level / stations as f32;
+        // Without radiance a pixel counts as dark: background is, and a highlight clipped in every exposure lies inside the outline.
+        for (sum, radiance) in mean.pixels.iter_mut().zip(&image.radiance.pixels) {
+            *sum += radiance.iter().sum::<f32>() / (3 * stations) as f32;
         }
     }
     let projection = Projection::Pinhole {

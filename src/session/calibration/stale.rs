@@ -1,6 +1,7 @@
 //! Whether a calibration still holds. Nothing here refuses: the operator decides, but is told.
 
 use super::file::CalibrationFile;
+use crate::session::quality::Optics;
 use crate::store::manifest::Manifest;
 use jiff::{SignedDuration, Timestamp};
 use rig_config::Rig;
@@ -35,8 +36,7 @@ fn too_old(rig: &Rig, age: SignedDuration) -> Option<String> {
     (days > most).then(|| format!("is {days:.0} days old, more than {most} (calibration.max_age_days): calibrate anew"))
 }
 
-/// What has changed, as the devices say when they are opened: firmware of the arm, model (with serial number, where the body tells it) of
-/// the camera.
+/// What has changed, as the devices say when they are opened: firmware of the arm, model of the camera.
 pub fn other_devices(file: &CalibrationFile, arm: &str, camera: &str) -> Vec<String> {
     let mut warnings = Vec::new();
     for (device, then, now) in [("arm", &file.arm, arm), ("camera", &file.camera_model, camera)] {
@@ -48,4 +48,22 @@ pub fn other_devices(file: &CalibrationFile, arm: &str, camera: &str) -> Vec<Str
         }
     }
     warnings
+}
+
+/// What has changed, as a frame says: another body, or a lens that was zoomed.
+pub fn other_optics(file: &CalibrationFile, now: &Optics) -> Vec<String> {
+    let Optics { body_serial, focal_mm } = &file.optics;
+    let mut warnings = Vec::new();
+    if let (Some(then), Some(now)) = (body_serial, &now.body_serial)
+        && then != now
+    {
+        warnings
+            .push(format!("the camera's serial number is {now}, calibration {} was made with {then}", file.version));
+    }
+    if let (Some(then), Some(now)) = (focal_mm, now.focal_mm)
+        && then != &now
+    {
+        warnings.push(format!("the lens is set to {now} mm, calibration {} was made at {then} mm", file.version));
+    }
+    warnings.into_iter().map(|warning| format!("{warning}: calibrate anew")).collect()
 }
