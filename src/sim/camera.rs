@@ -25,6 +25,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// Different poses rendered for one exposure, at most: enough to show that the arm moved.
 const MAX_POSES: usize = 8;
 
+/// What a picture depends on.
+type Shown = (Placed, Pose);
+
 /// A camera that photographs the simulated world as it is while the shutter is open.
 pub struct SimulatedCamera {
     world: World,
@@ -36,7 +39,7 @@ pub struct SimulatedCamera {
     frame_number: u32,
     last_frame: Option<RawFrame>,
     /// What was rendered last: a bracket renders once.
-    rendered: Option<((Placed, Pose), Arc<Image<[f64; 3]>>)>,
+    rendered: Option<(Shown, Arc<Image<[f64; 3]>>)>,
 }
 
 impl SimulatedCamera {

@@ -75,7 +75,7 @@ impl<'a> Bits<'a> {
         }
         let mut value = 0_i32;
         for _ in 0..size {
-            value = value << 1 | self.bit()? as i32;
+            value = value << 1 | self.bit()?.cast_signed();
         }
         let half = 1 << size >> 1;
         Some(if value < half { value - (1 << size) + 1 } else { value })
