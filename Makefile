@@ -82,8 +82,8 @@ release:
 	@$(CARGO) build --quiet --release
 
 simulated: release
-	$(heading) 'demo: two simulated balls'
-	@data=$$(mktemp -d) && trap 'rm -rf "$$data"' EXIT && '$(RIGD)' demo --data "$$data"
+	$(heading) 'demo: two simulated balls, geometry known and calibrated'
+	@data=$$(mktemp -d) && trap 'rm -rf "$$data"' EXIT && '$(RIGD)' demo --data "$$data" && '$(RIGD)' demo --calibrate --data "$$data"
 
 studies: release
 	$(heading) 'studies, short forms'

@@ -38,6 +38,7 @@ fn every_mistake_is_listed_at_once() {
         name: Some("x".repeat(201) + "\n"),
         stations_deg: Some(vec![0.0, f64::NAN, 171.0, f64::INFINITY, 0.01, -91.0]),
         exposures: Some(["1/100", "1/90", "bulb", "10", "10.3"].map(String::from).to_vec()),
+        calibration: None,
     };
     let error = CapturePlan::new(&rig(), &request).unwrap_err();
     let expected = [
@@ -62,7 +63,7 @@ fn every_mistake_is_listed_at_once() {
 fn counts_have_limits() {
     let many: Vec<f64> = (0..1001).map(|i| f64::from(i) * 0.1).collect();
     let labels = vec!["1".to_owned(); 101];
-    let request = |stations_deg, exposures| StartRequest { name: None, stations_deg, exposures };
+    let request = |stations_deg, exposures| StartRequest { stations_deg, exposures, ..StartRequest::default() };
     for (request, reason) in [
         (request(Some(vec![]), None), "stations_deg: 0 stations"),
         (request(Some(many.clone()), None), "stations_deg: 1001 stations"),

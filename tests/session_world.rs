@@ -13,7 +13,7 @@ use rigd::pipeline::fit::OnProgress;
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineHandle, SessionSnapshot};
 use rigd::session::plan::StartRequest;
-use rigd::session::processing::{Bracket, FitJob, Processing};
+use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::{SessionState as S, Verb};
 use rigd::sim::arm::{ArmConfig, ArmFaults, SimulatedArm};
 use rigd::sim::camera::{CameraFaults, Fault, SimulatedCamera};
@@ -44,6 +44,9 @@ impl Processing for NoProcessing {
 
     fn develop(&mut self, _: &Bracket) -> Result<Value, String> {
         Ok(Value::Null)
+    }
+    fn judge(&mut self, _: &StepJob) -> Result<Judged, String> {
+        Err("no calibration here".into())
     }
     fn fit(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Value, String> {
         Ok(json!({}))

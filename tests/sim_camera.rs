@@ -17,7 +17,8 @@ use rigd::sim::camera::{CameraFaults, Fault, SimulatedCamera};
 use rigd::sim::pose::{Pose, SharedPose};
 use rigd::sim::world::World;
 
-const SIMULATION: Simulation = Simulation { scene: rig_config::Scene::Marble, seed: 2008, speed: f64::INFINITY };
+const SIMULATION: Simulation =
+    Simulation { scene: rig_config::Scene::Marble, seed: 2008, speed: f64::INFINITY, hidden: false };
 
 /// The simulated rig: a 30 mm sphere, 66 pixels in radius.
 fn rig() -> Rig {
@@ -71,6 +72,7 @@ fn rig() -> Rig {
             read_noise_e: 30.0,
         },
         object: rig_config::Sphere { center_mm: [0.0, 0.0, 1500.0], radius_mm: 30.0 },
+        calibration: None,
         plan: rig_config::Plan {
             stations_deg: vec![-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0],
             exposures: exposures.into_iter().map(label).collect(),

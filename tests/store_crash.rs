@@ -102,6 +102,7 @@ fn manifest(id: &str) -> Manifest {
         arm: None,
         camera: None,
         idempotency: None,
+        version: None,
     }
 }
 
@@ -115,7 +116,7 @@ fn a_session_that_a_crash_left_running_is_marked_interrupted_and_the_lamp_is_swi
     let directory = {
         let store = Store::open(data.path(), 0).unwrap();
         let (directory, mut journal, _) =
-            store.create(&manifest("01a0-crashed"), "session.state", state("preflight")).unwrap();
+            store.create(&manifest("01a0-crashed"), &[], "session.state", state("preflight")).unwrap();
         journal.append("session.state", state("running")).unwrap();
         let writer: FrameWriter = store.frame_writer(&directory);
         writer.write("000-00.jpg", b"committed").unwrap();
@@ -179,7 +180,7 @@ fn a_second_store_on_the_same_directory_is_refused() {
 fn a_frame_never_replaces_another() {
     let data = tempfile::tempdir().unwrap();
     let store = Store::open(data.path(), 0).unwrap();
-    let (directory, ..) = store.create(&manifest("01a0"), "session.state", state("preflight")).unwrap();
+    let (directory, ..) = store.create(&manifest("01a0"), &[], "session.state", state("preflight")).unwrap();
     let writer = store.frame_writer(&directory);
     writer.write("000-00.jpg", b"first").unwrap();
     assert!(matches!(writer.write("000-00.jpg", b"second"), Err(StoreError::Io { .. })));

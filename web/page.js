@@ -94,7 +94,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;

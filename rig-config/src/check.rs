@@ -13,6 +13,7 @@ pub(crate) fn check(value: &Value, schema: &Json, path: &str, reasons: &mut Vec<
         ("number", Value::Float(x)) => check_number(*x, schema, &mut refuse),
         ("number", Value::Integer(i)) => check_number(*i as f64, schema, &mut refuse),
         ("integer", Value::Integer(i)) => check_number(*i as f64, schema, &mut refuse),
+        ("boolean", Value::Boolean(_)) => {}
         ("string", Value::String(text)) => check_text(text, schema, &mut refuse),
         (wanted, other) => refuse(format!("is {}: write {}", shown(other), article(wanted))),
     }
@@ -110,6 +111,7 @@ fn article(kind: &str) -> &'static str {
         "array" => "an array ([...])",
         "number" => "a number",
         "integer" => "a whole number",
+        "boolean" => "true or false",
         _ => "a text in quotes",
     }
 }

@@ -111,35 +111,55 @@ fn travel(view: &View, found: &mut Found) {
     if let Some(park) = view.number("arm.park_deg").filter(|park| outside(*park)) {
         found.refuse("arm.park_deg", format!("{park} is outside arm.travel_deg [{lower}, {upper}]: park inside it"));
     }
-    for (i, station) in view.entries("plan.stations_deg") {
-        if let Some(x) = as_number(station).filter(|x| outside(*x)) {
-            let what = format!("{x} is outside arm.travel_deg [{lower}, {upper}]: move the station inside it");
-            found.refuse(format!("plan.stations_deg[{i}]"), what);
+    let told = |x: f64| format!("{x} is outside arm.travel_deg [{lower}, {upper}]: move the station inside it");
+    for list in STATIONS {
+        for (i, station) in view.entries(list) {
+            if let Some(x) = as_number(station).filter(|x| outside(*x)) {
+                found.refuse(format!("{list}[{i}]"), told(x));
+            }
+        }
+    }
+    let board = "calibration.board_station_deg";
+    if let Some(x) = view.number(board).filter(|x| outside(*x)) {
+        found.refuse(board, told(x));
+    }
+}
+
+/// Lists of arm angles.
+const STATIONS: [&str; 2] = ["plan.stations_deg", "calibration.stations_deg"];
+/// Brackets: lists of shutter labels.
+const BRACKETS: [&str; 2] = ["plan.exposures", "calibration.exposures"];
+
+/// Labels that are no shutter speed, and entries that say the same twice.
+fn plan(view: &View, found: &mut Found) {
+    STATIONS.iter().for_each(|list| stations(view, list, found));
+    BRACKETS.iter().for_each(|list| bracket(view, list, found));
+    let board = "calibration.board_exposure";
+    if let Some(Err(reason)) = view.text(board).map(Shutter::from_label) {
+        found.refuse(board, reason.to_string());
+    }
+}
+
+fn stations(view: &View, list: &str, found: &mut Found) {
+    let mut seen: HashMap<u64, usize> = HashMap::new();
+    for (i, station) in view.entries(list) {
+        // Adding zero makes -0 and 0 the same angle.
+        let Some(x) = as_number(station).map(|x| x + 0.0) else { continue };
+        if let Some(first) = seen.insert(x.to_bits(), i) {
+            found.refuse(format!("{list}[{i}]"), format!("{x} is {list}[{first}] again: remove one"));
         }
     }
 }
 
-/// Labels that are no shutter speed, and entries that say the same twice.
-fn plan(view: &View, found: &mut Found) {
+fn bracket(view: &View, list: &str, found: &mut Found) {
     let mut seen: HashMap<u64, usize> = HashMap::new();
-    for (i, station) in view.entries("plan.stations_deg") {
-        // Adding zero makes -0 and 0 the same angle.
-        let Some(x) = as_number(station).map(|x| x + 0.0) else { continue };
-        if let Some(first) = seen.insert(x.to_bits(), i) {
-            found.refuse(
-                format!("plan.stations_deg[{i}]"),
-                format!("{x} is plan.stations_deg[{first}] again: remove one"),
-            );
-        }
-    }
-    let mut seen: HashMap<u64, usize> = HashMap::new();
-    for (i, label) in view.entries("plan.exposures") {
-        let key = format!("plan.exposures[{i}]");
+    for (i, label) in view.entries(list) {
+        let key = format!("{list}[{i}]");
         match label.as_str().map(Shutter::from_label) {
             Some(Err(reason)) => found.refuse(key, reason.to_string()),
             Some(Ok(shutter)) => {
                 if let Some(first) = seen.insert(shutter.true_s.to_bits(), i) {
-                    let what = format!("`{}` opens as long as plan.exposures[{first}]: remove one", shutter.label);
+                    let what = format!("`{}` opens as long as {list}[{first}]: remove one", shutter.label);
                     found.refuse(key, what);
                 }
             }

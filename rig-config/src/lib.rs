@@ -15,5 +15,8 @@ pub use rig::*;
 pub use shutter::{Shutter, ShutterError};
 
 /// The rig files that come with the program: name and text.
-pub const SHIPPED: &[(&str, &str)] =
-    &[("zheng-2008", include_str!("../rigs/zheng-2008.toml")), ("simulated", include_str!("../rigs/simulated.toml"))];
+pub const SHIPPED: &[(&str, &str)] = &[
+    ("zheng-2008", include_str!("../rigs/zheng-2008.toml")),
+    ("simulated", include_str!("../rigs/simulated.toml")),
+    ("simulated-calibration", include_str!("../rigs/simulated-calibration.toml")),
+];

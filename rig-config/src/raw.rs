@@ -32,6 +32,7 @@ pub(crate) struct RawRig {
     pub object: RawObject,
     pub plan: RawPlan,
     pub fit: RawFit,
+    pub calibration: Option<RawCalibration>,
     pub storage: RawStorage,
     #[serde(default)]
     pub server: RawServer,
@@ -213,6 +214,79 @@ pub(crate) struct RawFit {
     pub cosine_cutoff: f64,
 }
 
+/// What a calibration run puts on the stage: board, card and balls. Without the section there are no calibration runs.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawCalibration {
+    /// Inner corners of the chessboard along its one side, where four squares meet.
+    #[schemars(range(min = 3, max = 60))]
+    pub board_columns: usize,
+    /// Inner corners along the other side.
+    #[schemars(range(min = 3, max = 60))]
+    pub board_rows: usize,
+    /// Side of a square, mm.
+    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    pub square_mm: f64,
+    /// Views of the board; the card comes to lie on the board of the last one.
+    #[serde(default = "default_views")]
+    #[schemars(range(min = 3, max = 100))]
+    pub board_views: usize,
+    /// Shutter label at which the board's white is bright and not clipped.
+    pub board_exposure: String,
+    /// Arm angle that lights the board, degrees.
+    #[schemars(range(min = -360, max = 360))]
+    pub board_station_deg: f64,
+    /// Diffuse reflectance of the grey card.
+    #[serde(default = "default_grey")]
+    #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
+    pub card_reflectance: f64,
+    /// Its relative standard deviation.
+    #[serde(default = "default_grey_sigma")]
+    #[schemars(range(min = 0, max = 0.5))]
+    pub card_reflectance_sigma: f64,
+    /// Shorter side of the card, mm.
+    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    pub card_side_mm: f64,
+    /// How many balls stand on the stage.
+    #[serde(default = "default_balls")]
+    #[schemars(range(min = 2, max = 12))]
+    pub balls: usize,
+    /// Radius of every ball by caliper, mm.
+    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    pub ball_radius_mm: f64,
+    /// Arm angles at which balls and card are shot, degrees; those of the plan if left out.
+    #[schemars(length(min = 1, max = 1000), inner(range(min = -360, max = 360)))]
+    pub stations_deg: Option<Vec<f64>>,
+    /// The bracket of balls and card, shutter labels in shooting order; that of the plan if left out.
+    #[schemars(length(min = 3, max = 55))]
+    pub exposures: Option<Vec<String>>,
+    /// A calibration older than this is named in the warnings, days.
+    #[serde(default = "default_age")]
+    #[schemars(range(max = 100_000), extend("exclusiveMinimum" = 0))]
+    pub max_age_days: f64,
+}
+
+fn default_views() -> usize {
+    12
+}
+
+fn default_balls() -> usize {
+    3
+}
+
+fn default_grey() -> f64 {
+    0.18
+}
+
+/// An unmeasured card's grey is off by this much.
+fn default_grey_sigma() -> f64 {
+    0.05
+}
+
+fn default_age() -> f64 {
+    30.0
+}
+
 /// Left-out lights choose.
 fn default_choice() -> String {
     "auto".to_owned()
@@ -269,4 +343,8 @@ pub(crate) struct RawSimulation {
     /// How many times faster than real motion, exposure and waiting pass.
     #[schemars(range(min = 0.1, max = 10000))]
     pub speed: f64,
+    /// Whether this file states camera, lamp and object only roughly: the truth is drawn from the seed about it, for calibrations
+    /// to find. Left out: it states them exactly.
+    #[serde(default)]
+    pub hidden: bool,
 }

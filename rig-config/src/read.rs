@@ -1,6 +1,6 @@
 //! Reading a rig file: text -> table -> checked keys -> checked contradictions -> [`Rig`].
 
-use crate::raw::{RawArmDriver, RawCameraDriver, RawRig, RawScene, SCHEMA};
+use crate::raw::{RawArmDriver, RawCalibration, RawCameraDriver, RawRig, RawScene, SCHEMA};
 use crate::rig::*;
 use crate::{Shutter, check, contradictions};
 use std::fmt;
@@ -105,7 +105,7 @@ fn syntax(text: &str, error: &toml::de::Error) -> Reason {
 
 impl RawRig {
     fn into_rig(self) -> Result<Rig, String> {
-        let Self { name, arm, lamp, camera, object, plan, fit, storage, server, simulation } = self;
+        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, simulation } = self;
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
@@ -119,7 +119,8 @@ impl RawRig {
             }
             RawCameraDriver::Simulated => CameraDriver::Simulated,
         };
-        let exposures: Result<_, _> = plan.exposures.iter().map(|label| Shutter::from_label(label)).collect();
+        let plan = Plan { exposures: bracket(&plan.exposures)?, stations_deg: plan.stations_deg };
+        let calibration = calibration.map(|calibration| calibration.with_plan(&plan)).transpose()?;
         Ok(Rig {
             name,
             arm: Arm {
@@ -153,7 +154,7 @@ impl RawRig {
                 read_noise_e: camera.read_noise_e,
             },
             object: Sphere { center_mm: object.center_mm, radius_mm: object.radius_mm },
-            plan: Plan { stations_deg: plan.stations_deg, exposures: exposures.map_err(|e| e.to_string())? },
+            plan,
             fit: Fit {
                 materials: fit.materials,
                 model: fit.model,
@@ -163,6 +164,7 @@ impl RawRig {
                 objective: fit.objective,
                 cosine_cutoff: fit.cosine_cutoff,
             },
+            calibration,
             storage: Storage { data: storage.data, reserve_bytes: storage.reserve_bytes },
             server: Server { listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))? },
             simulation: simulation.map(|s| Simulation {
@@ -172,7 +174,38 @@ impl RawRig {
                 },
                 seed: s.seed,
                 speed: s.speed,
+                hidden: s.hidden,
             }),
+        })
+    }
+}
+
+fn bracket(labels: &[String]) -> Result<Vec<Shutter>, String> {
+    labels.iter().map(|label| Shutter::from_label(label).map_err(|e| e.to_string())).collect()
+}
+
+impl RawCalibration {
+    /// Stations and bracket that are left out are those of the plan.
+    fn with_plan(self, plan: &Plan) -> Result<Calibration, String> {
+        let exposures = match &self.exposures {
+            Some(labels) => bracket(labels)?,
+            None => plan.exposures.clone(),
+        };
+        Ok(Calibration {
+            board_columns: self.board_columns,
+            board_rows: self.board_rows,
+            square_mm: self.square_mm,
+            board_views: self.board_views,
+            board_exposure: Shutter::from_label(&self.board_exposure).map_err(|e| e.to_string())?,
+            board_station_deg: self.board_station_deg,
+            card_reflectance: self.card_reflectance,
+            card_reflectance_sigma: self.card_reflectance_sigma,
+            card_side_mm: self.card_side_mm,
+            balls: self.balls,
+            ball_radius_mm: self.ball_radius_mm,
+            stations_deg: self.stations_deg.unwrap_or_else(|| plan.stations_deg.clone()),
+            exposures,
+            max_age_days: self.max_age_days,
         })
     }
 }

@@ -20,6 +20,8 @@ pub struct Rig {
     pub plan: Plan,
     /// How the material is fitted.
     pub fit: Fit,
+    /// What a calibration run uses; none: there are no calibration runs.
+    pub calibration: Option<Calibration>,
     /// Where sessions are kept.
     pub storage: Storage,
     /// Where the daemon listens.
@@ -181,6 +183,39 @@ pub struct Fit {
     pub cosine_cutoff: f64,
 }
 
+/// What a calibration run puts on the stage, and what it shoots.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Inner corners of the chessboard along its one side.
+    pub board_columns: usize,
+    /// Inner corners along the other.
+    pub board_rows: usize,
+    /// Side of a square, mm.
+    pub square_mm: f64,
+    /// Views of the board; the card comes to lie on the board of the last one.
+    pub board_views: usize,
+    /// Exposure of the board.
+    pub board_exposure: Shutter,
+    /// Arm angle that lights the board, degrees.
+    pub board_station_deg: f64,
+    /// Diffuse reflectance of the grey card.
+    pub card_reflectance: f64,
+    /// Its relative standard deviation.
+    pub card_reflectance_sigma: f64,
+    /// Shorter side of the card, mm.
+    pub card_side_mm: f64,
+    /// How many balls stand on the stage.
+    pub balls: usize,
+    /// Radius of every ball, mm.
+    pub ball_radius_mm: f64,
+    /// Arm angles at which balls and card are shot, degrees.
+    pub stations_deg: Vec<f64>,
+    /// The bracket of balls and card, in shooting order.
+    pub exposures: Vec<Shutter>,
+    /// A calibration older than this is stale, days.
+    pub max_age_days: f64,
+}
+
 /// Where sessions are kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Storage {
@@ -215,4 +250,6 @@ pub struct Simulation {
     pub seed: u64,
     /// How many times faster than real motion, exposure and waiting pass.
     pub speed: f64,
+    /// True if the rig file states camera, lamp and object only roughly: the truth is drawn from the seed about it.
+    pub hidden: bool,
 }

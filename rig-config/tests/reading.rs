@@ -101,6 +101,45 @@ fn twenty_mistakes_are_all_listed() {
 }
 
 #[test]
+fn what_a_calibration_is_shot_with_is_checked_like_the_plan() {
+    let text = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap().1;
+    let refused = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        Rig::from_toml(&text.replacen(from, to, 1), "edited").unwrap_err().to_string()
+    };
+    for (from, to, says) in [
+        (
+            "board_station_deg = 15.0",
+            "board_station_deg = 175.0",
+            "calibration.board_station_deg: 175 is outside arm.travel_deg",
+        ),
+        ("board_exposure = \"1/4\"", "board_exposure = \"1/7\"", "calibration.board_exposure: "),
+        ("\"4\", \"8\"]", "\"4\", \"4\"]", "calibration.exposures[9]: `4` opens as long as calibration.exposures[8]"),
+        ("board_columns = 9", "board_columns = 2", "calibration.board_columns: is 2: must be at least 3"),
+        ("square_mm = 15.0", "square_mm = 0", "calibration.square_mm: is 0: must be above 0"),
+    ] {
+        let error = refused(from, to);
+        assert!(error.contains(says), "{from}: {error}");
+    }
+    let twice = text.replacen(
+        "stations_deg = [-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0]\n# The bracket for",
+        "stations_deg = [1, 1]\n# The bracket for",
+        1,
+    );
+    assert_ne!(twice, text);
+    let error = Rig::from_toml(&twice, "edited").unwrap_err().to_string();
+    assert!(error.contains("calibration.stations_deg[1]: 1 is calibration.stations_deg[0] again"), "{error}");
+    let rest = ["stations_deg", "exposures"].iter().fold(text.to_owned(), |text, key| {
+        let (head, section) = text.split_once("[calibration]").unwrap();
+        let kept: Vec<&str> = section.lines().filter(|line| !line.starts_with(&format!("{key} ="))).collect();
+        format!("{head}[calibration]{}", kept.join("\n"))
+    });
+    let rig = Rig::from_toml(&rest, "edited").unwrap();
+    let calibration = rig.calibration.unwrap();
+    assert_eq!((calibration.stations_deg, calibration.exposures), (rig.plan.stations_deg, rig.plan.exposures));
+}
+
+#[test]
 fn each_contradiction_is_named_alone() {
     type Case<'a> = (&'a [(&'a str, &'a str)], &'a str, &'a str);
     let cases: &[Case] = &[

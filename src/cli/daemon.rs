@@ -1,4 +1,6 @@
-//! The daemon put together: devices, store, engine and HTTP of one rig, in this process.
+//! The daemon put together: devices, store, engine and HTTP of one rig, in this process; before a simulated rig an operator as well.
+
+mod operator;
 
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
@@ -15,6 +17,7 @@ use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::SharedPose;
 use crate::store::Store;
 use anyhow::Context;
+use operator::Operator;
 use rig_config::{ArmDriver, CameraDriver, Rig};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -32,6 +35,7 @@ pub struct Daemon {
     /// Where it listens: `http://127.0.0.1:PORT`.
     pub url: String,
     engine: EngineHandle,
+    operator: Operator,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -42,11 +46,11 @@ impl Daemon {
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken.
     pub async fn start(rig: Rig, rig_text: String) -> anyhow::Result<Self> {
-        let pose = SharedPose::default();
+        let (pose, operator) = (SharedPose::default(), Operator::default());
         let speed = rig.simulation.as_ref().map_or(1.0, |s| s.speed);
         let parts = EngineParts {
             open_arm: arm_factory(&rig, &pose)?,
-            open_camera: camera_factory(&rig, &pose)?,
+            open_camera: camera_factory(&rig, &pose, &operator)?,
             store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?,
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
@@ -57,15 +61,17 @@ impl Daemon {
         let listener = bind(listen).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
+        operator.serve(Some(engine.clone()));
         let shutdown = CancellationToken::new();
         let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
         let http = tokio::spawn(http::serve(listener, state));
-        Ok(Self { url, engine, shutdown, http })
+        Ok(Self { url, engine, operator, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
     pub async fn stop(self) -> anyhow::Result<()> {
         let engine = self.engine;
+        self.operator.serve(None);
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
@@ -112,7 +118,7 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     }
 }
 
-fn camera_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenCamera> {
+fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator) -> anyhow::Result<OpenCamera> {
     match (&rig.camera.driver, &rig.simulation) {
         (CameraDriver::Gphoto2 { .. }, _) => Err(bad_input(
             "camera.driver = \"gphoto2\" is not available in this version: use \"replay\" or \"simulated\"",
@@ -122,10 +128,10 @@ fn camera_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenCamera> {
             Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
         }
         (CameraDriver::Simulated, Some(simulation)) if rig.arm.driver == ArmDriver::Simulated => {
-            let (rig, simulation, pose) = (rig.clone(), simulation.clone(), pose.clone());
+            let (rig, simulation, pose, operator) = (rig.clone(), simulation.clone(), pose.clone(), operator.clone());
             Ok(Box::new(move || {
                 let camera = SimulatedCamera::new(&rig, &simulation, pose.clone(), CameraFaults::default());
-                Ok(Box::new(camera) as Box<dyn Camera>)
+                Ok(Box::new(operator.attend(camera)) as Box<dyn Camera>)
             }))
         }
         (CameraDriver::Simulated, _) => Err(bad_input(

@@ -30,6 +30,9 @@ enum SessionCommand {
         /// A name for the sampled object.
         #[arg(long)]
         name: Option<String>,
+        /// The calibration to use: an id, `latest`, or `none` for the rig file's geometry; the latest that fits if left out.
+        #[arg(long)]
+        calibration: Option<String>,
         /// Print the plan; nothing moves.
         #[arg(long, conflicts_with = "watch")]
         dry_run: bool,
@@ -60,8 +63,9 @@ enum SessionCommand {
 pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
     let client = Client::new(&args.url)?;
     match &args.command {
-        SessionCommand::Start { name, dry_run, watch } => {
-            let request = StartRequest { name: name.clone(), ..StartRequest::default() };
+        SessionCommand::Start { name, calibration, dry_run, watch } => {
+            let (name, calibration) = (name.clone(), calibration.clone());
+            let request = StartRequest { name, calibration, ..StartRequest::default() };
             if *dry_run {
                 return print_json(&client.plan(&request)?);
             }

@@ -1,9 +1,10 @@
 //! The journal of a session as server-sent events: the id is the journal's sequence number, so a client that reconnects with
 //! Last-Event-ID is told exactly what it missed.
 
-use super::extract::{Query, SessionId};
+use super::extract::{CalibrationId, Query, SessionId};
 use super::problem::Problem;
 use super::{HttpState, ask};
+use crate::session::handle::{EngineError, EngineHandle};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::sse::{Event, KeepAlive, Sse};
@@ -62,6 +63,48 @@ pub(super) async fn events(
     Query(query): Query<After>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    stream(state, id, session_standing, query, &headers).await
+}
+
+/// Follow a calibration
+///
+/// As the events of a session; `step.asked`, `step.accepted` and `step.refused` are its own.
+#[utoipa::path(get, path = "/v1/calibrations/{id}/events", tag = "calibrations",
+    params(("id" = String, Path, description = "Calibration id."), After,
+        ("Last-Event-ID" = Option<u64>, Header, nullable = false, minimum = 0, maximum = 9_007_199_254_740_991_u64, description = "Id of the last event received.")),
+    responses(
+        (status = 200, body = SentEvent, content_type = "text/event-stream", description = "The events."),
+        (status = 204, description = "The calibration has ended and nothing follows."),
+        (status = 400, description = "Last-Event-ID or `after` is no sequence number."),
+        (status = 404, description = "No such calibration."),
+    ))]
+pub(super) async fn calibration_events(
+    State(state): State<HttpState>,
+    CalibrationId(id): CalibrationId,
+    Query(query): Query<After>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    stream(state, id, calibration_standing, query, &headers).await
+}
+
+/// Whether a run has ended, and its last sequence number.
+type Standing = fn(&EngineHandle, &str) -> Result<(bool, u64), EngineError>;
+
+fn session_standing(engine: &EngineHandle, id: &str) -> Result<(bool, u64), EngineError> {
+    engine.session(id).map(|session| (session.state.is_final(), session.last_seq))
+}
+
+fn calibration_standing(engine: &EngineHandle, id: &str) -> Result<(bool, u64), EngineError> {
+    engine.calibration(id).map(|run| (run.state.is_final(), run.last_seq))
+}
+
+async fn stream(
+    state: HttpState,
+    id: String,
+    standing: Standing,
+    query: After,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
     let refuse = || {
         Problem::bad_request("Last-Event-ID or after is no sequence number: send the id of an event of this session")
     };
@@ -74,24 +117,30 @@ pub(super) async fn events(
         return Err(refuse());
     }
     let asked = id.clone();
-    let snapshot = ask(&state, move |engine| engine.session(&asked)).await?;
-    if snapshot.state.is_final() && snapshot.last_seq <= after {
+    let (ended, last_seq) = ask(&state, move |engine| standing(engine, &asked)).await?;
+    if ended && last_seq <= after {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let (sender, receiver) = mpsc::channel(IN_FLIGHT);
-    tokio::spawn(follow(state, id, after, sender));
+    tokio::spawn(follow(state, id, standing, after, sender));
     Ok(Sse::new(ReceiverStream::new(receiver)).keep_alive(KeepAlive::default()).into_response())
 }
 
 /// Sends records as they come, until the session has ended, the client is gone, or the daemon ends.
-async fn follow(state: HttpState, id: String, mut after: u64, sender: mpsc::Sender<Result<Event, Infallible>>) {
+async fn follow(
+    state: HttpState,
+    id: String,
+    standing: Standing,
+    mut after: u64,
+    sender: mpsc::Sender<Result<Event, Infallible>>,
+) {
     let mut changes = state.engine.changes();
     let shutdown = state.shutdown.clone();
     loop {
         changes.mark_unchanged();
         let asked = id.clone();
-        let Ok(snapshot) = ask(&state, move |engine| engine.session(&asked)).await else { return };
-        if snapshot.last_seq > after {
+        let Ok((ended, last_seq)) = ask(&state, move |engine| standing(engine, &asked)).await else { return };
+        if last_seq > after {
             let asked = id.clone();
             let Ok(events) = ask(&state, move |engine| Ok(next_events(&engine.events_after(&asked, after)?))).await
             else {
@@ -108,7 +157,7 @@ async fn follow(state: HttpState, id: String, mut after: u64, sender: mpsc::Send
                 continue;
             }
         }
-        if snapshot.state.is_final() && after >= snapshot.last_seq {
+        if ended && after >= last_seq {
             return;
         }
         tokio::select! {

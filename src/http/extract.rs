@@ -70,6 +70,9 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
 /// A session id in the path. Only the form of a UUID goes further: no other text can reach the store's paths.
 pub(super) struct SessionId(pub String);
 
+/// The same of a calibration.
+pub(super) struct CalibrationId(pub String);
+
 #[derive(Deserialize)]
 struct IdInPath {
     id: String,
@@ -79,13 +82,22 @@ impl<S: Send + Sync> FromRequestParts<S> for SessionId {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        let Path(IdInPath { id }) = Path::<IdInPath>::from_request_parts(parts, state).await?;
-        if is_uuid(&id) {
-            Ok(Self(id))
-        } else {
-            Err(EngineError::UnknownSession { id: id.chars().take(80).collect() }.into())
-        }
+        uuid_in(parts, state).await?.map(Self).map_err(|id| EngineError::UnknownSession { id }.into())
     }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for CalibrationId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        uuid_in(parts, state).await?.map(Self).map_err(|id| EngineError::UnknownCalibration { id }.into())
+    }
+}
+
+/// The id in the path; the inner error is one that has not the form of a UUID, cut short.
+async fn uuid_in<S: Send + Sync>(parts: &mut Parts, state: &S) -> Result<Result<String, String>, Problem> {
+    let Path(IdInPath { id }) = Path::<IdInPath>::from_request_parts(parts, state).await?;
+    Ok(if is_uuid(&id) { Ok(id) } else { Err(id.chars().take(80).collect()) })
 }
 
 /// True for a lower-case hyphenated UUID.

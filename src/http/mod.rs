@@ -1,5 +1,6 @@
 //! The REST surface: routes, JSON bodies, problem details, the event stream, metrics and the page. It knows the engine's
 //! handle and nothing of devices, pipeline or disk layout.
+mod calibrations;
 mod events;
 mod extract;
 mod guard;

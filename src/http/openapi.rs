@@ -1,7 +1,7 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, events, metrics, results, rig, sessions};
+use super::{HttpState, calibrations, events, metrics, results, rig, sessions};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
@@ -27,6 +27,7 @@ use utoipa_axum::routes;
     tags(
         (name = "sessions", description = "One acquisition each, from the first light station to the fitted material."),
         (name = "results", description = "Frames, material and result files of a session."),
+        (name = "calibrations", description = "Camera, response and lights, measured step by step with board, card and balls."),
         (name = "rig", description = "The rig itself."),
         (name = "health", description = "For supervisors and monitoring."),
     )
@@ -49,6 +50,12 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(sessions::stop))
         .routes(routes!(sessions::abort))
         .routes(routes!(events::events))
+        .routes(routes!(calibrations::start, calibrations::list))
+        .routes(routes!(calibrations::show))
+        .routes(routes!(calibrations::result))
+        .routes(routes!(calibrations::shoot))
+        .routes(routes!(calibrations::abort))
+        .routes(routes!(events::calibration_events))
         .routes(routes!(results::frames))
         .routes(routes!(results::material))
         .routes(routes!(results::file))
@@ -67,7 +74,7 @@ fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
         }
     }
     if let Some(components) = &mut spec.components {
-        for request in ["StartRequest", "FitRequest"] {
+        for request in ["StartRequest", "FitRequest", "CalibrationRequest"] {
             bound(components.schemas.get_mut(request), rig);
         }
     }
@@ -77,6 +84,9 @@ fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
 /// A name that is not blank and holds no control character.
 const NAME: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$";
 
+/// An id, or a word for one.
+const CALIBRATION: &str = "^(latest|none|[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12})$";
+
 /// What a request may hold on this rig, which types alone do not say.
 fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     let Some(RefOr::T(Schema::Object(request))) = request else { return };
@@ -84,6 +94,7 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
     for (key, property) in &mut request.properties {
         match (key.as_str(), property) {
             ("name", RefOr::T(Schema::Object(text))) => text.pattern = Some(NAME.into()),
+            ("calibration", RefOr::T(Schema::Object(text))) => text.pattern = Some(CALIBRATION.into()),
             ("stations_deg", RefOr::T(Schema::Array(list))) => bound_items(list, 1..=MAX_STATIONS, |angle| {
                 (angle.minimum, angle.maximum) = (Some(lower.into()), Some(upper.into()));
             }),

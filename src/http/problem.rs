@@ -118,7 +118,7 @@ impl From<EngineError> for Problem {
         let detail = error.to_string();
         let of = |status, kind, title| Self::new(status, kind, title, &detail);
         match error {
-            EngineError::UnknownSession { .. } => Self::not_found(detail),
+            EngineError::UnknownSession { .. } | EngineError::UnknownCalibration { .. } => Self::not_found(detail),
             EngineError::Plan(plan) => {
                 let problem = of(StatusCode::UNPROCESSABLE_ENTITY, "plan-refused", "The plan is refused");
                 Self { reasons: Some(plan.reasons), ..problem }

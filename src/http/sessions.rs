@@ -197,6 +197,8 @@ mod tests {
             frames_planned: 1,
             stations_developed: 1,
             remaining_s: None,
+            calibration: None,
+            warnings: Vec::new(),
             mean_relative_error: None,
             last_seq: 1,
         }

@@ -1,8 +1,10 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
+use super::calibration::response::ResponseCalibration;
 use super::decode::{Format, decode_into};
+use super::fine::fine_levels;
 use crate::numerics::image::{Image, RadianceImage};
-use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure};
+use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure, MANY};
 use crate::numerics::radiometry::merge::merge;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::{Response, recover};
@@ -56,6 +58,33 @@ pub struct Known {
     /// The exposure that keeps its time: one reference for all lights.
     pub reference: usize,
 }
+
+impl Known {
+    /// What a calibration tells of a bracket of these expected times (seconds, any order): its response, and its times where it has
+    /// measured them.
+    ///
+    /// # Errors
+    /// A response that is none.
+    pub fn of(calibration: &ResponseCalibration, expected_s: &[f64]) -> Result<Self, String> {
+        let near = |t: f64| calibration.exposures.iter().find(|e| (e.nominal_s / t).ln().abs() < SAME_TIME);
+        let mut frames: Vec<(f64, bool)> = expected_s
+            .iter()
+            .map(|&t| near(t).map_or((t, false), |e| (e.estimated_s, e.name == calibration.reference)))
+            .collect();
+        frames.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let from_one_second = |i: &usize| frames[*i].0.ln().abs();
+        let nearest = (0..frames.len()).min_by(|a, b| from_one_second(a).total_cmp(&from_one_second(b)));
+        Ok(Self {
+            response: calibration.response()?,
+            exponent_sigma: calibration.exponent_sigma,
+            reference: frames.iter().position(|(_, reference)| *reference).or(nearest).unwrap_or(0),
+            times_s: frames.into_iter().map(|(time_s, _)| time_s).collect(),
+        })
+    }
+}
+
+/// Times that differ by less than this, in natural logarithms, are the same third of a stop.
+const SAME_TIME: f64 = 0.1;
 
 /// Why a bracket cannot be developed.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -123,8 +152,22 @@ pub fn develop(
 /// Full frames in memory at a time.
 const DECODED_AT_A_TIME: usize = 2;
 
-/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each.
+/// Decodes the frames, two full frames in memory at a time, and keeps the crop of each; and what their files say of some pixels
+/// beyond whole levels.
 pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
+    let mut frames = frames.to_vec();
+    frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let bracket = read_rounded(&frames, crop)?;
+    let (left, top) = crop.map_or((0, 0), |crop| (crop.x, crop.y));
+    let points: Vec<_> = bracket.sample_points(MANY).into_iter().map(|(x, y)| (x + left, y + top)).collect();
+    let fine: Option<Vec<_>> = frames.par_iter().map(|frame| fine_levels(frame.bytes, &points)).collect();
+    Ok(match fine {
+        Some(fine) => bracket.with_fine_levels(fine),
+        None => bracket,
+    })
+}
+
+fn read_rounded(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {
     let lossy = frames.iter().any(|frame| Format::of(frame.bytes) == Ok(Format::Jpeg));
     let mut memory: [Image<[u8; 3]>; DECODED_AT_A_TIME] = std::array::from_fn(|_| Image::filled(0, 0, [0; 3]));
     let mut exposures = Vec::with_capacity(frames.len());

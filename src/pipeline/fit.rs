@@ -171,6 +171,7 @@ fn run(
             software: concat!("rigd ", env!("CARGO_PKG_VERSION")).to_owned(),
             images: dataset.geometry.lights.iter().map(|l| l.name.clone()).collect(),
             simulated: None,
+            calibration: None,
         },
     };
     let size = material.size;

@@ -169,6 +169,9 @@ pub struct Provenance {
     pub images: Vec<String>,
     /// True when the frames came from a simulated rig; null when the dataset does not say.
     pub simulated: Option<bool>,
+    /// The calibration that lights and camera come from; null when the dataset does not say.
+    #[serde(default)]
+    pub calibration: Option<String>,
 }
 
 /// `material.json`.

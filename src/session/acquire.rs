@@ -1,13 +1,16 @@
-//! One acquisition: stations, brackets, frames; `hold` has what interrupts them. A frame counts once it is shot, verified, on disk
-//! and journalled, in this order.
+//! One acquisition: stations, brackets, frames; `hold` has what interrupts them, `guided` the steps of a calibration. A frame counts
+//! once it is shot, verified, on disk and journalled, in this order.
 
+mod guided;
 mod hold;
 
 use super::bench::Bench;
 use super::book::Book;
-use super::plan::CapturePlan;
-use super::quality::{self, Fingerprint};
+use super::calibration::file::CalibrationFile;
+use super::calibration::stale;
+use super::quality::{self, Fingerprint, Optics};
 use super::state::Event;
+use super::work::Work;
 use super::worker::Job;
 use crate::devices::arm::ArmError;
 use crate::devices::camera::{CameraError, RawFrame, Shot};
@@ -55,8 +58,7 @@ impl From<Ended> for Trouble {
 pub struct Acquisition<'a> {
     id: &'a str,
     rig: &'a Rig,
-    plan: CapturePlan,
-    shutters: Vec<Shutter>,
+    work: Work,
     book: &'a Book,
     bench: &'a mut Bench,
     worker: &'a SyncSender<Job>,
@@ -66,12 +68,14 @@ pub struct Acquisition<'a> {
     bracket: usize,
     recoveries: usize,
     last: Option<Fingerprint>,
+    /// The calibration in use, until the first frame was held against it.
+    to_doubt: Option<CalibrationFile>,
     start: Instant,
     held: Duration,
 }
 
 impl<'a> Acquisition<'a> {
-    /// Takes up the session `id` of the book; none when the book does not know it.
+    /// Takes up the run `id` of the book; none when the book does not know it.
     pub fn new(
         id: &'a str,
         rig: &'a Rig,
@@ -80,14 +84,12 @@ impl<'a> Acquisition<'a> {
         worker: &'a SyncSender<Job>,
         speed: f64,
     ) -> Option<Self> {
-        let plan = book.look(id, |entry| entry.plan.clone())?;
+        let work = book.look(id, |entry| entry.work.clone())?;
         let writer = book.frame_writer(id)?;
-        let shutters = plan.exposures.iter().filter_map(|exposure| Shutter::from_label(&exposure.label).ok()).collect();
         Some(Self {
             id,
             rig,
-            plan,
-            shutters,
+            work,
             book,
             bench,
             worker,
@@ -97,6 +99,7 @@ impl<'a> Acquisition<'a> {
             bracket: 0,
             recoveries: 0,
             last: None,
+            to_doubt: None,
             start: Instant::now(),
             held: Duration::ZERO,
         })
@@ -108,14 +111,24 @@ impl<'a> Acquisition<'a> {
         // Refused only when a user ended the session meanwhile: the next safe point sees it.
         let _ = self.book.happen(self.id, Event::Ready, None);
         self.start = Instant::now();
-        for station in 0..self.plan.stations.len() {
-            while let Err(trouble) = self.shoot_station(station) {
-                match trouble {
-                    Trouble::Arm(reason) => self.recover(reason)?,
-                    Trouble::End(ended) => return Err(ended),
-                }
+        if let Work::Calibration(plan) = &self.work {
+            let plan = plan.clone();
+            return self.guided(&plan);
+        }
+        for station in 0..self.work.stations() {
+            self.whole_station(station)?;
+            self.hand_over(|session| Job::Develop { session, station })?;
+        }
+        Ok(())
+    }
+
+    /// Shoots a station, however often the arm has to be recovered for it.
+    fn whole_station(&mut self, station: usize) -> Result<(), Ended> {
+        while let Err(trouble) = self.shoot_station(station) {
+            match trouble {
+                Trouble::Arm(reason) => self.recover(reason)?,
+                Trouble::End(ended) => return Err(ended),
             }
-            self.hand_over(station)?;
         }
         Ok(())
     }
@@ -126,15 +139,35 @@ impl<'a> Acquisition<'a> {
         let opened = self.bench.open();
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(Ended::Failed)?;
+        self.doubt_devices(&arm, &camera)?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
         self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
         self.rest(self.rig.lamp.soak_s)
     }
 
+    /// Journals what the devices say against the calibration this session uses.
+    fn doubt_devices(&mut self, arm: &str, camera: &str) -> Result<(), Ended> {
+        let directory = self.book.look(self.id, |entry| entry.directory.clone()).unwrap_or_default();
+        let Some(calibration) = CalibrationFile::of_session(&directory).map_err(Ended::Failed)? else { return Ok(()) };
+        let warnings = stale::other_devices(&calibration, arm, camera);
+        self.to_doubt = Some(calibration);
+        self.doubt(warnings)
+    }
+
+    /// Journals what the first frame says against it.
+    fn doubt_optics(&mut self, frame: &RawFrame) -> Result<(), Ended> {
+        let Some(calibration) = self.to_doubt.take() else { return Ok(()) };
+        self.doubt(stale::other_optics(&calibration, &Optics::of(&frame.bytes)))
+    }
+
+    fn doubt(&mut self, warnings: Vec<String>) -> Result<(), Ended> {
+        if warnings.is_empty() { Ok(()) } else { self.record("calibration.doubted", json!({"warnings": warnings})) }
+    }
+
     fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {
         self.safe_point()?;
-        let angle_deg = self.plan.stations.get(station).map_or(0.0, |s| s.angle_deg);
+        let angle_deg = self.work.angle_deg(station);
         let cancel = self.book.cancel.clone();
         let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
         let status = moved.map_err(|e| self.arm_trouble(&e))?;
@@ -142,7 +175,7 @@ impl<'a> Acquisition<'a> {
         self.record("arm.moved", fields)?;
         self.rest(self.rig.arm.settle_s)?;
         self.bracket += 1;
-        for exposure in 0..self.plan.exposures.len() {
+        for exposure in 0..self.work.exposures(station).len() {
             if self.safe_point()? {
                 self.check_light(angle_deg)?;
             }
@@ -164,7 +197,7 @@ impl<'a> Acquisition<'a> {
                 Ok((frame, fingerprint)) => {
                     self.check_light(angle_deg)?;
                     match self.commit(&shot, attempt, &frame, &fingerprint) {
-                        Ok(()) => return Ok(()),
+                        Ok(()) => return Ok(self.doubt_optics(&frame)?),
                         Err(error @ StoreError::NoSpace { .. }) => {
                             self.suspend(&error, frame.bytes.len() as u64)?;
                             self.check_light(angle_deg)?;
@@ -192,7 +225,8 @@ impl<'a> Acquisition<'a> {
     }
 
     fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
-        let shutter = self.shutters.get(exposure).cloned();
+        let planned = self.work.exposures(station).get(exposure);
+        let shutter = planned.and_then(|planned| Shutter::from_label(&planned.label).ok());
         let shutter =
             shutter.ok_or_else(|| Ended::Failed(format!("exposure {exposure} of the plan has no shutter")))?;
         Ok(Shot { station, exposure, shutter, f_number: self.rig.camera.f_number, iso: self.rig.camera.iso })
@@ -254,13 +288,17 @@ impl<'a> Acquisition<'a> {
         }
     }
 
-    fn hand_over(&self, station: usize) -> Result<(), Ended> {
+    /// Gives the worker a job of this run.
+    fn hand_over(&self, job: impl FnOnce(String) -> Job) -> Result<(), Ended> {
+        let mut job = job(self.id.to_owned());
         loop {
-            let job = Job::Develop { session: self.id.to_owned(), station };
             match self.worker.try_send(job) {
                 Ok(()) => return Ok(()),
                 Err(TrySendError::Disconnected(_)) => return Err(Ended::Failed("the worker has ended".into())),
-                Err(TrySendError::Full(_)) => self.rest(0.1 * self.speed)?,
+                Err(TrySendError::Full(again)) => {
+                    job = again;
+                    self.rest(0.1 * self.speed)?;
+                }
             }
         }
     }
@@ -285,7 +323,7 @@ impl<'a> Acquisition<'a> {
     fn measure_pace(&self) {
         let worked_s = (self.start.elapsed().saturating_sub(self.held)).as_secs_f64();
         self.book.look(self.id, |entry| {
-            let planned_s = entry.plan.estimated_s * entry.share_done();
+            let planned_s = entry.work.estimated_s() * entry.share_done();
             if planned_s > 0.0 {
                 entry.pace = worked_s / planned_s;
             }

@@ -1,12 +1,14 @@
-//! The one record of all sessions: journal first, then memory, then everyone who waits is told. Engine, worker and handle share it;
+//! The one record of all runs, sessions and calibrations: journal first, then memory, then everyone who waits is told. Engine, worker and handle share it;
 //! the state in it is also how a user's verb reaches the engine.
 
 mod found;
 
+use super::calibration::progress::CalibrationSnapshot;
 use super::handle::{EngineError, SessionSnapshot};
-use super::ledger::Ledger;
-use super::plan::CapturePlan;
+use super::ledger::{FrameRecord, Ledger};
+use super::plan::PlannedExposure;
 use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
+use super::work::Work;
 use super::worker::Fault;
 use crate::devices::Cancel;
 use crate::store::journal::Journal;
@@ -20,7 +22,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// All sessions, shared.
+/// All runs, shared.
 pub struct Book {
     inner: Mutex<Inner>,
     changed: Condvar,
@@ -33,8 +35,8 @@ pub struct Book {
 pub struct Inner {
     /// The data directory.
     pub store: Store,
-    /// By id, so oldest first.
-    pub sessions: BTreeMap<String, Entry>,
+    /// Sessions and calibrations by id, so oldest first.
+    pub runs: BTreeMap<String, Entry>,
     /// Accepted, not yet taken by the engine.
     pending: Option<String>,
     /// The daemon ends.
@@ -45,14 +47,14 @@ pub struct Inner {
     pub device_fault: Option<String>,
 }
 
-/// One session.
+/// One run.
 pub struct Entry {
     /// What its journal says.
     pub ledger: Ledger,
     /// What was meant to happen.
     pub manifest: Manifest,
     /// The plan as accepted.
-    pub plan: CapturePlan,
+    pub work: Work,
     /// Where it is.
     pub directory: PathBuf,
     /// Seconds of wall time for each planned second.
@@ -68,15 +70,40 @@ impl Entry {
     pub fn snapshot(&self) -> SessionSnapshot {
         let mut snapshot = self.ledger.snapshot.clone();
         let shooting = !snapshot.state.is_final() && snapshot.state != SessionState::Fitting;
-        snapshot.remaining_s = shooting.then(|| self.plan.estimated_s * (1.0 - self.share_done()) * self.pace);
+        snapshot.remaining_s = shooting.then(|| self.work.estimated_s() * (1.0 - self.share_done()) * self.pace);
         snapshot
     }
 
     /// Share of the planned frame time that is committed.
     pub fn share_done(&self) -> f64 {
-        let bracket: f64 = (0..self.plan.exposures.len()).map(|e| self.plan.frame_s(e)).sum();
-        let done: f64 = self.ledger.frames().map(|frame| self.plan.frame_s(frame.exposure)).sum();
-        done / (bracket * self.plan.stations.len() as f64)
+        let all = |station| self.work.exposures(station).iter().map(PlannedExposure::seconds).sum::<f64>();
+        let one = |frame: &FrameRecord| self.work.exposures(frame.station).get(frame.exposure);
+        let done: f64 = self.ledger.frames().filter_map(one).map(PlannedExposure::seconds).sum();
+        done / (0..self.work.stations()).map(all).sum::<f64>()
+    }
+
+    /// A calibration run as anyone may see it; none of a session.
+    pub fn calibration(&self) -> Option<CalibrationSnapshot> {
+        let (progress, plan) = (self.ledger.progress.as_ref()?, self.work.calibration()?);
+        let run = self.ledger.snapshot.clone();
+        Some(CalibrationSnapshot {
+            id: run.id,
+            name: run.name,
+            version: self.manifest.version.unwrap_or_default(),
+            state: run.state,
+            reason: run.reason,
+            simulated: run.simulated,
+            started: run.started,
+            ended: run.ended,
+            step: progress.step,
+            instruction: progress.instruction.clone().filter(|_| run.state == SessionState::Awaiting),
+            steps: plan.steps.len(),
+            steps_accepted: progress.accepted(),
+            verdicts: progress.verdicts.clone(),
+            frames_committed: run.frames_committed,
+            frames_planned: run.frames_planned,
+            last_seq: run.last_seq,
+        })
     }
 
     /// State now.
@@ -89,23 +116,17 @@ impl Book {
     /// Reads every session of the store. Those that a crash left unfinished are cleaned and marked interrupted; their number
     /// is the second value.
     pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
-        let (found, unreadable) = store.sessions()?;
+        let (found, unreadable) = store.runs()?;
         for error in unreadable {
             tracing::warn!(%error, "a session directory is left alone");
         }
-        let mut inner = Inner {
-            store,
-            sessions: BTreeMap::new(),
-            pending: None,
-            shutdown: false,
-            ended: false,
-            device_fault: None,
-        };
+        let mut inner =
+            Inner { store, runs: BTreeMap::new(), pending: None, shutdown: false, ended: false, device_fault: None };
         let mut interrupted = 0;
         for session in found {
             interrupted += usize::from(inner.take_in(session)?);
         }
-        let total = inner.sessions.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
+        let total = inner.runs.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
         let (changes, _) = watch::channel(total);
         let book = Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, cancel: Cancel::default() };
         Ok((book, interrupted))
@@ -186,32 +207,32 @@ impl Book {
         Ok(state)
     }
 
-    /// Something a user asks.
-    pub fn ask(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, EngineError> {
+    /// Something a user asks; looks at the run afterwards.
+    pub fn ask<T>(&self, id: &str, verb: Verb, look: impl FnOnce(&Entry) -> T) -> Result<T, EngineError> {
         let mut inner = self.lock();
-        let state = inner.entry(id)?.state();
+        let entry = inner.entry(id)?;
+        let (state, takes) = (entry.state(), |verb: &Verb| entry.work.takes(*verb));
+        let allowed: Vec<Verb> = allowed(state).into_iter().filter(takes).collect();
         if inner.ended {
             return Err(EngineError::Gone);
         }
-        inner.happen(id, Event::Asked(verb), None).map_err(|_| EngineError::WrongState {
-            verb,
-            state,
-            allowed: allowed(state),
-        })?;
+        if !allowed.contains(&verb) || inner.happen(id, Event::Asked(verb), None).is_err() {
+            return Err(EngineError::WrongState { verb, state, allowed });
+        }
         if verb == Verb::Abort {
             self.cancel.cancel();
         }
-        let snapshot = inner.entry(id)?.snapshot();
+        let seen = look(inner.entry(id)?);
         drop(inner);
         self.tell();
-        Ok(snapshot)
+        Ok(seen)
     }
 
     /// Writes down who answered at the other end of the cables.
     pub fn identify(&self, id: &str, arm: String, camera: String) -> Result<(), StoreError> {
         let mut inner = self.lock();
         let disk = inner.store.disk();
-        let Some(entry) = inner.sessions.get_mut(id) else { return Ok(()) };
+        let Some(entry) = inner.runs.get_mut(id) else { return Ok(()) };
         (entry.manifest.arm, entry.manifest.camera) = (Some(arm), Some(camera));
         manifest::write(disk.as_ref(), &entry.directory, &entry.manifest)
     }
@@ -219,45 +240,73 @@ impl Book {
     /// Writes frames of a session without the lock.
     pub fn frame_writer(&self, id: &str) -> Option<FrameWriter> {
         let inner = self.lock();
-        inner.sessions.get(id).map(|entry| inner.store.frame_writer(&entry.directory))
+        inner.runs.get(id).map(|entry| inner.store.frame_writer(&entry.directory))
     }
 
     /// Looks something up in a session.
     pub fn look<T>(&self, id: &str, look: impl FnOnce(&mut Entry) -> T) -> Option<T> {
-        self.lock().sessions.get_mut(id).map(look)
+        self.lock().runs.get_mut(id).map(look)
     }
 }
 
 impl Inner {
-    /// Makes a session and leaves it for the engine; the caller tells it.
-    pub fn begin(&mut self, manifest: Manifest, plan: CapturePlan, pace: f64) -> Result<SessionSnapshot, StoreError> {
+    /// Makes a run, with `files` in its directory, and leaves it for the engine; the caller tells it.
+    pub fn begin(
+        &mut self,
+        manifest: Manifest,
+        work: Work,
+        files: &[(&str, &[u8])],
+        pace: f64,
+    ) -> Result<&Entry, EngineError> {
         let fields = state_fields(SessionState::Preflight, None);
-        let (directory, journal, record) = self.store.create(&manifest, "session.state", fields)?;
-        let mut ledger = Ledger::new(&manifest, &plan);
+        let (directory, journal, record) = self.store.create(&manifest, files, "session.state", fields)?;
+        let mut ledger = Ledger::new(&manifest, &work);
         ledger.apply(&record);
         let id = manifest.id.clone();
         let tail = vec![record];
         let journal = Some(journal);
-        let entry = Entry { ledger, manifest, plan, directory, pace, worker_fault: None, journal, tail };
-        let snapshot = entry.snapshot();
-        self.sessions.insert(id.clone(), entry);
-        self.pending = Some(id);
-        Ok(snapshot)
+        let entry = Entry { ledger, manifest, work, directory, pace, worker_fault: None, journal, tail };
+        self.runs.insert(id.clone(), entry);
+        self.pending = Some(id.clone());
+        self.entry(&id)
+    }
+
+    /// Refuses when a run holds the rig, or the daemon ends.
+    pub fn check_idle(&self) -> Result<(), EngineError> {
+        if self.shutdown || self.ended {
+            return Err(EngineError::Gone);
+        }
+        match self.active() {
+            Some(active) => Err(EngineError::Busy { running: active.manifest.id.clone(), state: active.state() }),
+            None => Ok(()),
+        }
+    }
+
+    /// A run by id.
+    pub fn entry(&self, id: &str) -> Result<&Entry, EngineError> {
+        self.runs.get(id).ok_or_else(|| unknown(id))
     }
 
     /// A session by id.
-    pub fn entry(&self, id: &str) -> Result<&Entry, EngineError> {
-        self.sessions.get(id).ok_or_else(|| EngineError::UnknownSession { id: id.chars().take(64).collect() })
+    pub fn session(&self, id: &str) -> Result<&Entry, EngineError> {
+        let entry = self.entry(id)?;
+        entry.work.capture().map(|_| entry).ok_or_else(|| unknown(id))
     }
 
-    /// The session that holds the rig.
+    /// A calibration run by id.
+    pub fn calibration(&self, id: &str) -> Result<(&Entry, CalibrationSnapshot), EngineError> {
+        let found = self.runs.get(id).and_then(|entry| Some((entry, entry.calibration()?)));
+        found.ok_or_else(|| EngineError::UnknownCalibration { id: id.chars().take(64).collect() })
+    }
+
+    /// The run that holds the rig.
     pub fn active(&self) -> Option<&Entry> {
-        self.sessions.values().rev().find(|entry| !entry.state().is_final())
+        self.runs.values().rev().find(|entry| !entry.state().is_final())
     }
 
     fn record(&mut self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
         let Value::Object(fields) = fields else { return Ok(()) };
-        let Some(entry) = self.sessions.get_mut(id) else { return Ok(()) };
+        let Some(entry) = self.runs.get_mut(id) else { return Ok(()) };
         let mut journal = match entry.journal.take() {
             Some(journal) => journal,
             None => self.store.open_journal(&entry.directory, &entry.manifest)?,
@@ -277,12 +326,12 @@ impl Inner {
 
     /// Changes the state. On a disk that takes nothing more the change is real all the same: the lamp must still go off.
     fn happen(&mut self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
-        let state = self.sessions.get(id).map_or(SessionState::Failed, Entry::state);
+        let state = self.runs.get(id).map_or(SessionState::Failed, Entry::state);
         let after = next(state, event)?;
         let fields = Value::Object(state_fields(after, reason));
         if let Err(error) = self.record(id, "session.state", fields) {
             tracing::error!(session = id, state = ?after, %error, "state not journalled");
-            if let Some(entry) = self.sessions.get_mut(id) {
+            if let Some(entry) = self.runs.get_mut(id) {
                 let time = jiff::Timestamp::now().to_string();
                 entry.ledger.apply(&json!({"type": "session.state", "state": after, "reason": reason, "time": time}));
             }
@@ -299,6 +348,10 @@ impl Inner {
         let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
         Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
     }
+}
+
+fn unknown(id: &str) -> EngineError {
+    EngineError::UnknownSession { id: id.chars().take(64).collect() }
 }
 
 fn state_fields(state: SessionState, reason: Option<&str>) -> Map<String, Value> {

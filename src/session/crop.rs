@@ -9,6 +9,22 @@ const MARGIN_PX: f64 = 8.0;
 /// Points on the outline: the bounding box is then exact to a thousandth of the radius.
 const OUTLINE_POINTS: usize = 256;
 
+/// Kept around an object that is yet to be found, in parts of its own width: it may stand that far from where the rig file puts it.
+const SEARCH: f64 = 0.75;
+
+/// The part a session develops; `calibrated`: the object is yet to be found in the frames, so more is kept.
+pub fn of_session(rig: &Rig, calibrated: bool) -> Option<Crop> {
+    let near = of_object(rig)?;
+    if !calibrated {
+        return Some(near);
+    }
+    let [more_x, more_y] = [near.width, near.height].map(|side| (SEARCH * side as f64) as usize);
+    let (x, y) = (near.x.saturating_sub(more_x), near.y.saturating_sub(more_y));
+    let right = (near.x + near.width + more_x).min(rig.camera.width);
+    let bottom = (near.y + near.height + more_y).min(rig.camera.height);
+    Some(Crop { x, y, width: right - x, height: bottom - y })
+}
+
 /// Bounding box of the sphere's outline with a margin, clipped to the frame; none when the rig does not show the sphere.
 pub fn of_object(rig: &Rig) -> Option<Crop> {
     let camera = &rig.camera;

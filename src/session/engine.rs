@@ -1,8 +1,9 @@
-//! The engine: one thread that owns arm and camera and runs one session after another, with clean-up after every one.
+//! The engine: one thread that owns arm and camera and does one run (session or calibration) after another, with clean-up after
+//! every one.
 
 use super::acquire::{Acquisition, Ended};
 use super::bench::{Bench, OpenArm, OpenCamera};
-use super::book::{Book, Inner};
+use super::book::Book;
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
 use super::room::{self, Lack};
@@ -14,7 +15,6 @@ use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
-use std::time::Duration;
 
 /// What the composition root gives the engine.
 pub struct EngineParts {
@@ -81,7 +81,8 @@ impl Engine {
         for fault in &faults {
             self.book.note(id, "fault.raised", json!({"device": "bench", "reason": fault}));
         }
-        if matches!(ended, Ok(()) | Err(Ended::Stopped)) {
+        let is_session = self.book.look(id, |entry| entry.work.capture().is_some()) == Some(true);
+        if is_session && matches!(ended, Ok(()) | Err(Ended::Stopped)) {
             ended = self.fit(id, ended.is_ok());
         }
         self.conclude(id, ended, &faults);
@@ -134,21 +135,8 @@ impl Engine {
         if self.jobs.send(job).is_err() {
             return Err(Ended::Failed("the worker has ended: restart the daemon".into()));
         }
-        let mut look = |inner: &mut Inner| {
-            if inner.shutdown {
-                return Some(Err(Ended::ShutDown));
-            }
-            if inner.entry(id).is_ok_and(|entry| entry.state() == SessionState::Aborting) {
-                return Some(Err(Ended::Aborted));
-            }
-            let answer = answer.try_recv().ok()?;
-            Some(if whole { Ok(answer) } else { Err(Ended::Stopped) })
-        };
-        loop {
-            if let Some(ended) = self.book.wait(Duration::from_secs(1), &mut look) {
-                return ended;
-            }
-        }
+        let answer = worker::answer(&self.book, id, &answer)?;
+        if whole { Ok(answer) } else { Err(Ended::Stopped) }
     }
 
     fn conclude(&self, id: &str, ended: Result<(), Ended>, faults: &[String]) {

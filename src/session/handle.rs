@@ -1,10 +1,17 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
+mod calibration;
+
 use super::book::{Book, Entry, Inner};
-use super::plan::{CapturePlan, PlanError, StartRequest};
+use super::calibration::file::NAME as CALIBRATION_FILE;
+pub use super::calibration::plan::CalibrationRequest;
+pub use super::calibration::progress::{CalibrationSnapshot, Verdict};
+pub use super::calibration::step::Step;
+use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use super::processing::read_json;
 pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
 use super::state::{SessionState, Verb};
+use super::work::Work;
 use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
@@ -49,6 +56,10 @@ pub struct SessionSnapshot {
     pub stations_developed: usize,
     /// Estimated time left, seconds; null when unknown or over.
     pub remaining_s: Option<f64>,
+    /// Where lights and camera come from; null: from the rig file.
+    pub calibration: Option<UsedCalibration>,
+    /// What to know before trusting the result: a stale calibration, for instance.
+    pub warnings: Vec<String>,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
     /// Sequence number of the last journal record.
@@ -64,19 +75,25 @@ pub enum EngineError {
         /// The id asked for.
         id: String,
     },
+    /// No calibration by that id.
+    #[error("no calibration {id}: see GET /v1/calibrations (rigd calibrate list) for those there are")]
+    UnknownCalibration {
+        /// The id asked for.
+        id: String,
+    },
     /// The request is no plan.
     #[error("the plan is refused: {0}")]
     Plan(#[from] PlanError),
-    /// A session is running; the rig takes one at a time.
-    #[error("session {running} is {state}: stop or abort it, or wait for its end")]
+    /// A session or a calibration is running; the rig takes one at a time.
+    #[error("session or calibration {running} is {state}: stop or abort it, or wait for its end")]
     Busy {
-        /// The session that holds the rig.
+        /// The run that holds the rig.
         running: String,
         /// Its state.
         state: SessionState,
     },
     /// The verb makes no sense in this state.
-    #[error("cannot {verb} a session that is {state}")]
+    #[error("cannot {verb} what is {state}")]
     WrongState {
         /// What was asked.
         verb: Verb,
@@ -143,13 +160,19 @@ impl EngineHandle {
 
     /// The plan a request would run (dry run): checks everything, moves nothing.
     pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, EngineError> {
-        let plan = CapturePlan::new(&self.rig, request)?;
+        self.planned(&self.book.lock(), request).map(|(plan, _)| plan)
+    }
+
+    /// The plan, and the text of the calibration it uses.
+    fn planned(&self, inner: &Inner, request: &StartRequest) -> Result<(CapturePlan, Option<String>), EngineError> {
+        let mut plan = CapturePlan::new(&self.rig, request)?;
+        let text = self.use_calibration(inner, request, &mut plan)?;
         if plan.exposures.len() < self.least_exposures {
             let (found, least) = (plan.exposures.len(), self.least_exposures);
             let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");
             return Err(PlanError { reasons: vec![reason] }.into());
         }
-        Ok(plan)
+        Ok((plan, text))
     }
 
     /// Starts a session.
@@ -161,26 +184,22 @@ impl EngineHandle {
         {
             return Ok(earlier);
         }
-        let plan = self.plan(request)?;
-        if inner.shutdown || inner.ended {
-            return Err(EngineError::Gone);
-        }
-        if let Some(active) = inner.active() {
-            return Err(EngineError::Busy { running: active.manifest.id.clone(), state: active.state() });
-        }
+        let (plan, calibration) = self.planned(&inner, request)?;
+        inner.check_idle()?;
         inner.store.check_space(plan.estimated_bytes)?;
-        let manifest = self.manifest(&plan, idempotency)?;
-        let snapshot = inner.begin(manifest, plan, 1.0 / self.speed)?;
+        let manifest = Manifest { idempotency, ..self.manifest(&plan.name, &plan)? };
+        let files: Vec<_> = calibration.iter().map(|text| (CALIBRATION_FILE, text.as_bytes())).collect();
+        let snapshot = inner.begin(manifest, Work::Capture(plan), &files, 1.0 / self.speed)?.snapshot();
         drop(inner);
         self.book.tell();
         Ok(Started { snapshot, replayed: false })
     }
 
-    fn manifest(&self, plan: &CapturePlan, idempotency: Option<Idempotency>) -> Result<Manifest, EngineError> {
+    fn manifest(&self, name: &str, plan: &impl Serialize) -> Result<Manifest, EngineError> {
         Ok(Manifest {
             format: 1,
             id: uuid::Uuid::now_v7().to_string(),
-            name: plan.name.clone(),
+            name: name.to_owned(),
             started: jiff::Timestamp::now().to_string(),
             software: super::SOFTWARE.into(),
             simulated: self.rig.is_simulated(),
@@ -188,23 +207,26 @@ impl EngineHandle {
             rig_file: self.rig_text.to_string(),
             arm: None,
             camera: None,
-            idempotency,
+            idempotency: None,
+            version: None,
         })
     }
 
     /// Asks something of a session; answers with its snapshot after the request was taken.
     pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, EngineError> {
-        self.book.ask(id, verb)
+        self.book.lock().session(id)?;
+        self.book.ask(id, verb, Entry::snapshot)
     }
 
     /// Every session, newest first.
     pub fn sessions(&self) -> Vec<SessionSnapshot> {
-        self.book.lock().sessions.values().rev().map(Entry::snapshot).collect()
+        let inner = self.book.lock();
+        inner.runs.values().rev().filter(|entry| entry.work.capture().is_some()).map(Entry::snapshot).collect()
     }
 
     /// One session.
     pub fn session(&self, id: &str) -> Result<SessionSnapshot, EngineError> {
-        Ok(self.book.lock().entry(id)?.snapshot())
+        Ok(self.book.lock().session(id)?.snapshot())
     }
 
     /// Changes with every journal record of any session; the value is the total count of records. Watch it, then read the journal.
@@ -212,7 +234,7 @@ impl EngineHandle {
         self.book.changes()
     }
 
-    /// Journal records of a session with a sequence number above `after`, oldest first, as JSON objects
+    /// Journal records of a session or calibration with a sequence number above `after`, oldest first, as JSON objects
     /// with at least `seq` (u64), `time` (RFC 3339), `type` (`session.state`, `frame.committed`, ...), `session`, `simulated`.
     pub fn events_after(&self, id: &str, after: u64) -> Result<Vec<Value>, EngineError> {
         let (tail, directory) = {
@@ -227,7 +249,7 @@ impl EngineHandle {
         Ok(records.into_iter().skip(skip).collect())
     }
 
-    /// The frames of a session: station, exposure, file, blake3, bytes, shutter, state.
+    /// The frames of a session or calibration: station, exposure, file, blake3, bytes, shutter, state.
     pub fn frames(&self, id: &str) -> Result<Vec<Value>, EngineError> {
         Ok(self.book.lock().entry(id)?.ledger.frame_list())
     }
@@ -251,7 +273,7 @@ impl EngineHandle {
     /// Queues a refit of a finished session on the fitting worker.
     pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
         let inner = self.book.lock();
-        let entry = inner.entry(id)?;
+        let entry = inner.session(id)?;
         let snapshot = entry.snapshot();
         let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
         if !snapshot.state.is_final() {
@@ -273,8 +295,8 @@ impl EngineHandle {
         if inner.shutdown || inner.ended {
             reasons.push(EngineError::Gone.to_string());
         }
-        match self.plan(&StartRequest::default()) {
-            Ok(plan) => reasons.extend(inner.store.check_space(plan.estimated_bytes).err().map(|e| e.to_string())),
+        match self.planned(&inner, &StartRequest::default()) {
+            Ok((plan, _)) => reasons.extend(inner.store.check_space(plan.estimated_bytes).err().map(|e| e.to_string())),
             Err(error) => reasons.push(error.to_string()),
         }
         if reasons.is_empty() { Ok(()) } else { Err(reasons) }
@@ -300,7 +322,7 @@ fn idempotency(key: &str, request: &StartRequest) -> Result<Idempotency, EngineE
 /// The session an earlier call with this key made; refuses the key for another request.
 fn earlier_start(inner: &Inner, now: &Idempotency) -> Result<Option<Started>, EngineError> {
     let with_key = |entry: &&Entry| entry.manifest.idempotency.as_ref().is_some_and(|i| i.key == now.key);
-    let Some(entry) = inner.sessions.values().find(with_key) else { return Ok(None) };
+    let Some(entry) = inner.runs.values().find(with_key) else { return Ok(None) };
     if entry.manifest.idempotency.as_ref() != Some(now) {
         return Err(EngineError::KeyReused);
     }

@@ -1,8 +1,10 @@
 //! What a session's journal adds up to. The same fold serves the running session and the ones found on disk.
 
+use super::calibration::progress::Progress;
+use super::calibration::step::Step;
 use super::handle::SessionSnapshot;
-use super::plan::CapturePlan;
 use super::state::SessionState;
+use super::work::Work;
 use crate::store::manifest::Manifest;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -38,14 +40,19 @@ pub struct FrameRecord {
 pub struct Ledger {
     /// For everyone to see; `remaining_s` is filled by who knows the pace.
     pub snapshot: SessionSnapshot,
+    /// The steps of a calibration run; a session has none.
+    pub progress: Option<Progress>,
+    /// Exposures by station.
+    exposures: Vec<usize>,
     frames: BTreeMap<(usize, usize), FrameRecord>,
     superseded: Vec<FrameRecord>,
     developed: BTreeSet<usize>,
 }
 
 impl Ledger {
-    /// A session of which nothing is journalled yet.
-    pub fn new(manifest: &Manifest, plan: &CapturePlan) -> Self {
+    /// A run of which nothing is journalled yet.
+    pub fn new(manifest: &Manifest, work: &Work) -> Self {
+        let exposures: Vec<usize> = (0..work.stations()).map(|station| work.exposures(station).len()).collect();
         let snapshot = SessionSnapshot {
             id: manifest.id.clone(),
             name: manifest.name.clone(),
@@ -54,22 +61,31 @@ impl Ledger {
             simulated: manifest.simulated,
             started: manifest.started.clone(),
             ended: None,
-            stations: plan.stations.len(),
-            exposures: plan.exposures.len(),
+            stations: exposures.len(),
+            exposures: exposures.iter().copied().max().unwrap_or(0),
             station: 0,
             frames_committed: 0,
-            frames_planned: plan.frames,
+            frames_planned: work.frames(),
             stations_developed: 0,
             remaining_s: None,
+            calibration: work.capture().and_then(|plan| plan.calibration.clone()),
+            warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
             mean_relative_error: None,
             last_seq: 0,
         };
-        Self { snapshot, frames: BTreeMap::new(), superseded: Vec::new(), developed: BTreeSet::new() }
+        let first =
+            |plan: &super::calibration::plan::CalibrationPlan| plan.steps.first().map_or(Step::Done, |s| s.step);
+        let progress = work.calibration().map(|plan| Progress::new(first(plan)));
+        let (frames, superseded, developed) = (BTreeMap::new(), Vec::new(), BTreeSet::new());
+        Self { snapshot, progress, exposures, frames, superseded, developed }
     }
 
     /// Takes one journal record into account; unknown types and fields are passed over.
     pub fn apply(&mut self, record: &Value) {
         let station = || record["station"].as_u64().and_then(|s| usize::try_from(s).ok());
+        if let Some(progress) = &mut self.progress {
+            progress.apply(record);
+        }
         self.snapshot.last_seq = record["seq"].as_u64().unwrap_or(self.snapshot.last_seq);
         match record["type"].as_str() {
             Some("session.state") => self.apply_state(record),
@@ -82,6 +98,10 @@ impl Ledger {
             Some("station.developed") => {
                 self.developed.extend(station());
                 self.snapshot.stations_developed = self.developed.len();
+            }
+            Some("calibration.doubted") => {
+                let warnings = record["warnings"].as_array().into_iter().flatten();
+                self.snapshot.warnings.extend(warnings.filter_map(Value::as_str).map(str::to_owned));
             }
             Some("fit.finished") => {
                 if let Some(error) = record["mean_relative_error"].as_f64() {
@@ -129,7 +149,7 @@ impl Ledger {
     pub fn bracket(&self, station: usize) -> Option<Vec<FrameRecord>> {
         let frames: Vec<_> =
             self.frames.range((station, 0)..=(station, usize::MAX)).map(|(_, frame)| frame.clone()).collect();
-        (frames.len() == self.snapshot.exposures).then_some(frames)
+        (Some(&frames.len()) == self.exposures.get(station)).then_some(frames)
     }
 
     /// True when the station's radiance is on disk.

@@ -2,6 +2,7 @@
 mod acquire;
 pub mod bench;
 mod book;
+pub mod calibration;
 pub mod crop;
 pub mod engine;
 pub mod handle;
@@ -12,6 +13,7 @@ pub mod quality;
 mod refit;
 mod room;
 pub mod state;
+mod work;
 mod worker;
 
 /// Program and version, as manifests and images name it.

@@ -14,6 +14,9 @@ pub struct StartRequest {
     pub stations_deg: Option<Vec<f64>>,
     /// The bracket as shutter labels (`1/100`, `0.4`, `15`), in shooting order.
     pub exposures: Option<Vec<String>>,
+    /// The calibration to use: an id, `latest`, or `none` for the rig file's geometry. Left out: the latest that fits, else the rig file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<String>,
 }
 
 /// One light station of the plan.
@@ -23,6 +26,20 @@ pub struct Station {
     pub angle_deg: f64,
     /// Light position there, camera frame, mm.
     pub light_position_mm: [f64; 3],
+    /// Radiant intensity per channel, radiance units x mm^2; null in plans of earlier versions: the rig file's.
+    #[serde(default)]
+    pub light_intensity: Option<[f64; 3]>,
+}
+
+/// The calibration that a plan uses.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct UsedCalibration {
+    /// Its id.
+    pub id: String,
+    /// Its number.
+    pub version: u64,
+    /// When it was made, RFC 3339.
+    pub made: String,
 }
 
 /// One exposure of the bracket.
@@ -49,6 +66,12 @@ pub struct CapturePlan {
     pub estimated_s: f64,
     /// Estimated disk space, bytes.
     pub estimated_bytes: u64,
+    /// Where lights and camera come from; null: from the rig file.
+    #[serde(default)]
+    pub calibration: Option<UsedCalibration>,
+    /// What to know before shooting: a stale calibration, for instance.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 /// Why a request is no plan: one entry a mistake.
@@ -77,7 +100,7 @@ const RADIANCE_BYTES_PER_PIXEL: u64 = 28;
 /// two small pictures.
 const RESULT_BYTES_PER_PIXEL: u64 = 40;
 /// Journal, manifest and reports beside the images, bytes.
-const RECORDS_BYTES: u64 = 1 << 20;
+pub(super) const RECORDS_BYTES: u64 = 1 << 20;
 
 impl CapturePlan {
     /// Checks `request` against the rig; lists every mistake at once.
@@ -95,52 +118,86 @@ impl CapturePlan {
         if !reasons.is_empty() {
             return Err(PlanError { reasons });
         }
-        let station = |&angle_deg: &f64| Station { angle_deg, light_position_mm: rig.lamp.position_mm(angle_deg) };
-        let exposure = |shutter: &Shutter| PlannedExposure { label: shutter.label.clone(), true_s: shutter.true_s };
+        let station = |&angle_deg: &f64| Station {
+            angle_deg,
+            light_position_mm: rig.lamp.position_mm(angle_deg),
+            light_intensity: Some(rig.lamp.intensity),
+        };
         let mut plan = Self {
             name,
             stations: angles.iter().map(station).collect(),
-            exposures: shutters.iter().map(exposure).collect(),
+            exposures: shutters.iter().map(PlannedExposure::from).collect(),
             frames: angles.len() * shutters.len(),
             estimated_s: 0.0,
             estimated_bytes: 0,
+            calibration: None,
+            warnings: Vec::new(),
         };
-        plan.estimated_s = plan.seconds(rig);
-        plan.estimated_bytes = plan.bytes(rig);
+        let mut tally = Tally::new(rig);
+        plan.stations.iter().for_each(|station| tally.station(station.angle_deg, &plan.exposures));
+        plan.estimated_s = tally.seconds();
+        plan.estimated_bytes = plan.bytes(rig, false);
         Ok(plan)
     }
 
-    /// Time one exposure takes with download, seconds.
-    pub fn frame_s(&self, exposure: usize) -> f64 {
-        self.exposures.get(exposure).map_or(0.0, |e| e.true_s + DOWNLOAD_S)
-    }
-
-    /// Soak, every move with its settling, every frame, and the way back to the park position, seconds.
-    fn seconds(&self, rig: &Rig) -> f64 {
-        let stops = self.stations.iter().map(|s| s.angle_deg).chain([rig.arm.park_deg]);
-        let (mut moves, mut at) = (0.0, rig.arm.park_deg);
-        for angle in stops {
-            moves += move_s(angle - at, rig.arm.speed_deg_s, rig.arm.acceleration_deg_s2);
-            at = angle;
-        }
-        let bracket: f64 = (0..self.exposures.len()).map(|e| self.frame_s(e)).sum();
-        rig.lamp.soak_s + moves + self.stations.len() as f64 * (rig.arm.settle_s + bracket)
-    }
-
-    fn bytes(&self, rig: &Rig) -> u64 {
-        let frames = self.frames as u64 * frame_pixels(rig) * FRAME_BYTES_PER_PIXEL;
-        frames + processing_bytes(rig, self.stations.len())
+    /// Estimated disk space, bytes; `calibrated`: the sample is yet to be found in the frames.
+    pub fn bytes(&self, rig: &Rig, calibrated: bool) -> u64 {
+        frames_bytes(rig, self.frames, 0, 0) + processing_bytes(rig, self.stations.len(), calibrated)
     }
 }
 
-/// Disk space that developing `stations` stations and a fit need, bytes.
-pub fn processing_bytes(rig: &Rig, stations: usize) -> u64 {
+impl PlannedExposure {
+    /// Time it takes with download, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.true_s + DOWNLOAD_S
+    }
+}
+
+/// Adds up what a run takes: soak, every move with its settling, every frame, and the way back to the park position.
+pub(super) struct Tally<'a> {
+    rig: &'a Rig,
+    seconds: f64,
+    at_deg: f64,
+}
+
+impl<'a> Tally<'a> {
+    pub fn new(rig: &'a Rig) -> Self {
+        Self { rig, seconds: rig.lamp.soak_s, at_deg: rig.arm.park_deg }
+    }
+
+    /// A bracket at `angle_deg`.
+    pub fn station(&mut self, angle_deg: f64, exposures: &[PlannedExposure]) {
+        self.travel(angle_deg);
+        self.seconds += self.rig.arm.settle_s + exposures.iter().map(PlannedExposure::seconds).sum::<f64>();
+    }
+
+    /// All of it, seconds.
+    pub fn seconds(mut self) -> f64 {
+        self.travel(self.rig.arm.park_deg);
+        self.seconds
+    }
+
+    fn travel(&mut self, angle_deg: f64) {
+        let arm = &self.rig.arm;
+        self.seconds += move_s(angle_deg - self.at_deg, arm.speed_deg_s, arm.acceleration_deg_s2);
+        self.at_deg = angle_deg;
+    }
+}
+
+/// Disk space of `frames` frames and of `developed` stations developed to `pixels` pixels, bytes.
+pub(super) fn frames_bytes(rig: &Rig, frames: usize, developed: usize, pixels: u64) -> u64 {
+    let shot = frames as u64 * frame_pixels(rig) * FRAME_BYTES_PER_PIXEL;
+    shot + developed as u64 * pixels * RADIANCE_BYTES_PER_PIXEL
+}
+
+/// Disk space that developing `stations` stations and a fit need, bytes; `calibrated` as in [`CapturePlan::bytes`].
+pub fn processing_bytes(rig: &Rig, stations: usize, calibrated: bool) -> u64 {
     let pixels = frame_pixels(rig);
-    let developed = super::crop::of_object(rig).map_or(pixels, |c| c.width as u64 * c.height as u64);
+    let developed = super::crop::of_session(rig, calibrated).map_or(pixels, |c| c.width as u64 * c.height as u64);
     stations as u64 * developed * RADIANCE_BYTES_PER_PIXEL + pixels * RESULT_BYTES_PER_PIXEL + RECORDS_BYTES
 }
 
-fn frame_pixels(rig: &Rig) -> u64 {
+pub(super) fn frame_pixels(rig: &Rig) -> u64 {
     rig.camera.width as u64 * rig.camera.height as u64
 }
 
@@ -151,7 +208,7 @@ fn move_s(angle_deg: f64, speed_deg_s: f64, acceleration_deg_s2: f64) -> f64 {
     if angle < ramps { 2.0 * (angle / acceleration_deg_s2).sqrt() } else { (angle + ramps) / speed_deg_s }
 }
 
-fn check_name(name: &str, reasons: &mut Vec<String>) {
+pub(super) fn check_name(name: &str, reasons: &mut Vec<String>) {
     if name.trim().is_empty() {
         reasons.push("name: it is empty: give a name or leave the key out".into());
     }

@@ -1,13 +1,20 @@
 //! From committed frames to a fitted material: which pipeline steps the worker runs, on which files.
 
+use super::calibration::file::CalibrationFile;
+use super::calibration::measure::Measuring;
+use super::calibration::plan::CalibrationPlan;
+use super::calibration::sample;
 use super::crop;
 use super::handle::FitRequest;
 use super::ledger::FrameRecord;
-use super::plan::LEAST_EXPOSURES;
+use super::plan::{LEAST_EXPOSURES, Station};
+use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
 use crate::store;
+use crate::store::dataset::SessionLight;
+use crate::store::manifest::Manifest;
 use rig_config::Rig;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -31,19 +38,47 @@ pub struct Bracket {
 pub struct FitJob {
     /// The session's directory.
     pub directory: PathBuf,
-    /// Light positions of the developed stations, camera frame, mm.
-    pub light_positions_mm: Vec<[f64; 3]>,
+    /// The developed stations.
+    pub stations: Vec<Station>,
+    /// What the report must say before its own warnings.
+    pub warnings: Vec<String>,
     /// What differs from the rig file.
     pub request: FitRequest,
 }
 
-/// The worker's two pieces of work. Errors are reasons in words: they go to the journal.
+/// A step of a calibration run that was shot.
+#[derive(Clone, Debug)]
+pub struct StepJob {
+    /// The run's directory.
+    pub directory: PathBuf,
+    /// Its manifest.
+    pub manifest: Manifest,
+    /// Its plan.
+    pub plan: CalibrationPlan,
+    /// Index of the step.
+    pub step: usize,
+    /// The frames of every station up to this step's last, in shooting order.
+    pub frames: Vec<Vec<FrameRecord>>,
+}
+
+/// What a step of a calibration is worth.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Judged {
+    /// It serves; what was measured on it.
+    Accepted(Value),
+    /// It is to be shot again, for this reason.
+    Refused(String),
+}
+
+/// The worker's pieces of work. Errors are reasons in words: they go to the journal.
 pub trait Processing: Send {
     /// Exposures a bracket needs at least to be developed: a plan with fewer is refused before anything moves.
     fn least_exposures(&self) -> usize;
     /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations. Returns the times of
     /// its exposures, for the journal.
     fn develop(&mut self, bracket: &Bracket) -> Result<Value, String>;
+    /// Judges a step of a calibration; with the last one, writes the calibration. An error ends the run.
+    fn judge(&mut self, job: &StepJob) -> Result<Judged, String>;
     /// Fits and writes `result/`; returns the report.
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String>;
 }
@@ -53,12 +88,38 @@ pub struct PipelineProcessing {
     rig: Rig,
     /// Response and reference exposure of the first bracket of a session, used for all of it, and its times.
     known: Option<(String, Known)>,
+    /// What is known of the calibration run in hand.
+    measuring: Measuring,
 }
 
 impl PipelineProcessing {
     /// For sessions of this rig.
     pub fn new(rig: &Rig) -> Self {
-        Self { rig: rig.clone(), known: None }
+        Self { rig: rig.clone(), known: None, measuring: Measuring::default() }
+    }
+
+    /// Writes dataset.toml: lights of the plan; camera and sphere of the rig file or, with a calibration, as measured.
+    fn describe(&self, job: &FitJob, calibration: Option<&CalibrationFile>) -> Result<(), String> {
+        let light = |station: &Station| SessionLight {
+            position_mm: station.light_position_mm,
+            intensity: station.light_intensity.unwrap_or(self.rig.lamp.intensity),
+        };
+        let lights: Vec<SessionLight> = job.stations.iter().map(light).collect();
+        let (mut rig, mut origin) = (self.rig.clone(), "lights, camera and sphere: rig file".to_owned());
+        if let Some(calibration) = calibration {
+            rig = calibration.applied(&rig);
+            let ball = sample::find(&job.directory, &rig, lights.len())?;
+            rig.object.center_mm = ball.center.into();
+            let sigma: Vec<String> =
+                (0..3).map(|k| format!("{:.2}", ball.covariance[(k, k)].max(0.0).sqrt())).collect();
+            origin = format!(
+                "lights and camera: {}; sphere: found in these frames, centre +- ({}) mm, outline {:.2} px rms",
+                calibration.title(),
+                sigma.join(", "),
+                ball.rms_px
+            );
+        }
+        store::dataset::write_for_session(&job.directory, &rig, &lights, &origin).map_err(|e| e.to_string())
     }
 
     fn options(&self, request: &FitRequest) -> FitOptions {
@@ -83,18 +144,27 @@ impl Processing for PipelineProcessing {
     }
 
     fn develop(&mut self, bracket: &Bracket) -> Result<Value, String> {
-        let files = read_frames(bracket)?;
+        let read = |frame| read_frame(&bracket.directory, frame);
+        let files = bracket.frames.iter().map(read).collect::<Result<Vec<_>, _>>()?;
         let frames: Vec<_> = bracket
             .frames
             .iter()
             .zip(&files)
             .map(|(frame, bytes)| BracketFrame { name: &frame.file, bytes, time_s: frame.true_s })
             .collect();
-        let known = self.known.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
-        let camera = &self.rig.camera;
+        let calibration = CalibrationFile::of_session(&bracket.directory)?;
+        let rig = calibration.as_ref().map_or_else(|| self.rig.clone(), |calibration| calibration.applied(&self.rig));
+        let first = self.known.as_ref().filter(|(session, _)| bracket.station > 0 && *session == bracket.session);
+        let expected: Vec<f64> = bracket.frames.iter().map(|frame| frame.true_s).collect();
+        let known = match (first, &calibration) {
+            (Some((_, known)), _) => Some(known.clone()),
+            (None, Some(calibration)) => Some(Known::of(&calibration.response, &expected)?),
+            (None, None) => None,
+        };
+        let camera = &rig.camera;
         let noise = SensorNoise { full_well_e: camera.full_well_e, read_noise_e: camera.read_noise_e };
-        let part = crop::of_object(&self.rig);
-        let developed = develop(&frames, part, known.map(|(_, known)| known), &noise).map_err(|e| e.to_string())?;
+        let part = crop::of_session(&rig, calibration.is_some());
+        let developed = develop(&frames, part, known.as_ref(), &noise).map_err(|e| e.to_string())?;
         let times = times_of(bracket, &developed);
         let origin = part.map_or((0, 0), |part| (part.x, part.y));
         let attributes = [
@@ -103,26 +173,22 @@ impl Processing for PipelineProcessing {
             ("rigd.exposures", times.to_string()),
             ("rigd.software", super::SOFTWARE.to_owned()),
         ];
-        let name = format!("{:02}.exr", bracket.station);
-        let folder = bracket.directory.join("radiance");
-        let unfinished = folder.join(format!(".{name}"));
-        store::exr::write_radiance(&unfinished, &developed.image, origin, (camera.width, camera.height), &attributes)
-            .map_err(|e| {
-            // On a full disk half a file only takes room.
-            let _ = std::fs::remove_file(&unfinished);
-            e.to_string()
-        })?;
-        std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
-        if known.is_none() {
+        let path = bracket.directory.join(store::dataset::radiance_name(bracket.station));
+        write_radiance(&path, &developed.image, origin, camera, &attributes)?;
+        if first.is_none() {
             self.known = Some((bracket.session.clone(), developed.known));
         }
         Ok(times)
     }
 
+    fn judge(&mut self, job: &StepJob) -> Result<Judged, String> {
+        self.measuring.judge(&self.rig, job)
+    }
+
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
+        let calibration = CalibrationFile::of_session(&job.directory)?;
         if !job.directory.join("dataset.toml").exists() {
-            store::dataset::write_for_session(&job.directory, &self.rig, &job.light_positions_mm)
-                .map_err(|e| e.to_string())?;
+            self.describe(job, calibration.as_ref())?;
         }
         let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
         let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
@@ -130,6 +196,8 @@ impl Processing for PipelineProcessing {
         let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
         result.report.add_load(load.as_secs_f64(), cpu_load);
         result.material.provenance.simulated = Some(self.rig.is_simulated());
+        result.material.provenance.calibration = calibration.map(|calibration| calibration.title());
+        result.report.warnings.splice(0..0, job.warnings.iter().cloned());
         let unfinished = job.directory.join(".result");
         clear(&unfinished)?;
         store::result::write(&unfinished, &result).map_err(|e| {
@@ -159,19 +227,36 @@ fn times_of(bracket: &Bracket, developed: &Developed) -> Value {
     times.collect()
 }
 
-fn read_frames(bracket: &Bracket) -> Result<Vec<Vec<u8>>, String> {
-    let read = |frame: &FrameRecord| {
-        let path = bracket.directory.join("frames").join(&frame.file);
-        let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        if blake3::hash(&bytes).to_hex().as_str() != frame.blake3 {
-            return Err(format!("{} is not the frame that was journalled: it was changed on disk", path.display()));
-        }
-        Ok(bytes)
-    };
-    bracket.frames.iter().map(read).collect()
+/// Reads a frame of the run in `directory`; it must be the one that was journalled.
+pub(super) fn read_frame(directory: &Path, frame: &FrameRecord) -> Result<Vec<u8>, String> {
+    let path = directory.join("frames").join(&frame.file);
+    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    if blake3::hash(&bytes).to_hex().as_str() != frame.blake3 {
+        return Err(format!("{} is not the frame that was journalled: it was changed on disk", path.display()));
+    }
+    Ok(bytes)
 }
 
-fn clear(directory: &Path) -> Result<(), String> {
+/// Writes radiance that begins at pixel `origin` of the frame; the file appears whole or not at all.
+pub(super) fn write_radiance(
+    path: &Path,
+    image: &RadianceImage,
+    origin: (usize, usize),
+    camera: &rig_config::Camera,
+    attributes: &[(&str, String)],
+) -> Result<(), String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let unfinished = path.with_file_name(format!(".{name}"));
+    store::exr::write_radiance(&unfinished, image, origin, (camera.width, camera.height), attributes).map_err(|e| {
+        // On a full disk half a file only takes room.
+        let _ = std::fs::remove_file(&unfinished);
+        e.to_string()
+    })?;
+    std::fs::rename(&unfinished, path).map_err(|e| format!("cannot name {name}: {e}"))
+}
+
+/// Removes a directory that may be there.
+pub(super) fn clear(directory: &Path) -> Result<(), String> {
     match std::fs::remove_dir_all(directory) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(format!("{}: {e}", directory.display())),
         _ => Ok(()),

@@ -4,6 +4,7 @@
 use super::plan::third_stop;
 use crate::devices::camera::{RawFrame, Shot};
 use exif::{Exif, In, Tag, Value};
+use serde::{Deserialize, Serialize};
 use zune_core::bytestream::ZCursor;
 use zune_jpeg::JpegDecoder;
 
@@ -38,6 +39,28 @@ impl Fingerprint {
 
 /// ImageNumber of EXIF 2.31 (0x9211), which the reader does not name.
 const IMAGE_NUMBER: Tag = Tag(exif::Context::Exif, 0x9211);
+
+/// Body and lens as a frame's EXIF names them, as far as it does: a calibration holds for these only.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Optics {
+    /// Serial number of the body.
+    pub body_serial: Option<String>,
+    /// Focal length set on the lens, mm.
+    pub focal_mm: Option<f64>,
+}
+
+impl Optics {
+    /// Of a frame as the camera wrote it.
+    pub fn of(bytes: &[u8]) -> Self {
+        let exif = read_exif(bytes).ok();
+        let exif = exif.as_ref();
+        Self {
+            body_serial: exif.and_then(|exif| text(exif, Tag::BodySerialNumber)),
+            focal_mm: exif.and_then(|exif| number(exif, Tag::FocalLength).ok()),
+        }
+    }
+}
 
 /// Refuses a frame that is not what `shot` asked for, with the reason in words. `last` is the frame delivered before it.
 pub fn check(

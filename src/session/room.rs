@@ -41,8 +41,11 @@ pub struct Lack {
 /// Whether a develop step or a fit that has just failed may have failed for lack of room. Asked at once: a minute later the disk
 /// may have been cleared.
 pub fn lack(book: &Book, id: &str, rig: &Rig) -> Option<Lack> {
-    let undeveloped = book.look(id, |e| e.plan.stations.len() - e.ledger.snapshot.stations_developed)?;
-    let (bytes, writer) = (processing_bytes(rig, undeveloped), book.frame_writer(id)?);
+    let (undeveloped, calibrated) = book.look(id, |e| {
+        let undeveloped = e.work.stations().saturating_sub(e.ledger.snapshot.stations_developed);
+        (undeveloped, e.work.capture().is_none_or(|plan| plan.calibration.is_some()))
+    })?;
+    let (bytes, writer) = (processing_bytes(rig, undeveloped, calibrated), book.frame_writer(id)?);
     if writer.fits(bytes) {
         return None;
     }

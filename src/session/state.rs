@@ -18,6 +18,8 @@ pub enum SessionState {
     Paused,
     /// Waiting for a condition to clear (disk space); looks again by itself, and on `resume`.
     Suspended,
+    /// A calibration run waits until what its step asks for is in place, and for `shoot`; motor standing, lamp on.
+    Awaiting,
     /// All frames are in: the last stations are developed and the material is fitted.
     Fitting,
     /// Clean-up after `stop`: frames are kept and fitted as far as they go.
@@ -60,6 +62,8 @@ pub enum Verb {
     Stop,
     /// End now, clean up, fit nothing.
     Abort,
+    /// What a calibration's step asks for is in place: shoot it.
+    Shoot,
 }
 
 /// As on the wire.
@@ -78,7 +82,7 @@ impl fmt::Display for Verb {
 
 impl Verb {
     /// Every verb.
-    pub const ALL: [Self; 4] = [Self::Pause, Self::Resume, Self::Stop, Self::Abort];
+    pub const ALL: [Self; 5] = [Self::Pause, Self::Resume, Self::Stop, Self::Abort, Self::Shoot];
 }
 
 /// What can happen to a session.
@@ -90,6 +94,8 @@ pub enum Event {
     Ready,
     /// The engine stands between two frames.
     SafePoint,
+    /// A calibration's next step needs an operator.
+    OperatorNeeded,
     /// A condition outside the session keeps it from going on (disk space), while shooting or while fitting.
     ConditionLost,
     /// The condition is back.
@@ -122,6 +128,8 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
         (S::Running, Event::Asked(Verb::Pause)) => S::Pausing,
         (S::Pausing, Event::SafePoint) => S::Paused,
         (S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Resume)) => S::Running,
+        (S::Running, Event::OperatorNeeded) => S::Awaiting,
+        (S::Awaiting, Event::Asked(Verb::Shoot)) => S::Running,
         (S::Running | S::Pausing | S::Fitting, Event::ConditionLost) => S::Suspended,
         (S::Suspended, Event::ConditionBack) => S::Running,
         (S::Running | S::Pausing, Event::FramesIn) => S::Fitting,
@@ -130,7 +138,7 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
         (S::Aborting, Event::Done) => S::Aborted,
         (S::Preflight | S::Running | S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Stop)) => S::Stopping,
         (
-            S::Preflight | S::Running | S::Pausing | S::Paused | S::Suspended | S::Fitting | S::Stopping,
+            S::Preflight | S::Running | S::Pausing | S::Paused | S::Suspended | S::Awaiting | S::Fitting | S::Stopping,
             Event::Asked(Verb::Abort),
         ) => S::Aborting,
         (state, Event::Fault) if !state.is_final() => S::Failed,
@@ -150,12 +158,13 @@ mod tests {
     use super::*;
     use SessionState as S;
 
-    const STATES: [S; 14] = [
+    const STATES: [S; 15] = [
         S::Preflight,
         S::Running,
         S::Pausing,
         S::Paused,
         S::Suspended,
+        S::Awaiting,
         S::Fitting,
         S::Stopping,
         S::Aborting,
@@ -171,6 +180,7 @@ mod tests {
         let own = [
             Event::Ready,
             Event::SafePoint,
+            Event::OperatorNeeded,
             Event::ConditionLost,
             Event::ConditionBack,
             Event::FramesIn,
@@ -184,13 +194,14 @@ mod tests {
     /// The verbs of each state, written down by hand.
     #[test]
     fn verbs_per_state() {
-        use Verb::{Abort, Pause, Resume, Stop};
+        use Verb::{Abort, Pause, Resume, Shoot, Stop};
         let table = [
             (S::Preflight, vec![Stop, Abort]),
             (S::Running, vec![Pause, Stop, Abort]),
             (S::Pausing, vec![Resume, Stop, Abort]),
             (S::Paused, vec![Resume, Stop, Abort]),
             (S::Suspended, vec![Resume, Stop, Abort]),
+            (S::Awaiting, vec![Abort, Shoot]),
             (S::Fitting, vec![Abort]),
             (S::Stopping, vec![Abort]),
             (S::Aborting, vec![]),
@@ -205,7 +216,7 @@ mod tests {
         for state in STATES {
             assert_eq!(serde_json::json!(state), state.to_string());
         }
-        assert_eq!(Verb::ALL.map(|verb| verb.to_string()), ["pause", "resume", "stop", "abort"]);
+        assert_eq!(Verb::ALL.map(|verb| verb.to_string()), ["pause", "resume", "stop", "abort", "shoot"]);
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! The embedded fitting worker: one thread that develops station k while station k + 1 is shot, then fits; also serves refits.
 
+use super::acquire::Ended;
 use super::book::Book;
 use super::handle::FitRequest;
-use super::processing::{Bracket, FitJob, Processing};
+use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
@@ -11,7 +12,7 @@ use serde_json::{Value, json};
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
 /// Jobs that may wait: beyond it the engine waits too, so that frames never pile up unseen.
@@ -27,6 +28,15 @@ pub enum Job {
         session: String,
         /// Index of the light station.
         station: usize,
+    },
+    /// Judge a step of a calibration.
+    Judge {
+        /// Id of the run.
+        session: String,
+        /// Index of the step.
+        step: usize,
+        /// Told what it is worth.
+        done: SyncSender<Result<Judged, Fault>>,
     },
     /// Fit what is complete.
     Fit {
@@ -66,6 +76,11 @@ impl Worker {
         for job in jobs {
             match job {
                 Job::Develop { session, station } => self.develop_live(&session, station),
+                Job::Judge { session, step, done } => {
+                    let judged = self.judge(&session, step).map_err(|reason| self.fault(&session, &reason));
+                    // The engine may have gone on without it.
+                    let _ = done.send(judged);
+                }
                 Job::Fit { session, request, done } => {
                     let result = self.fit(&session, request);
                     let outcome = result.as_ref().map(|_| ()).map_err(|reason| self.fault(&session, reason));
@@ -113,17 +128,31 @@ impl Worker {
         self.book.record(session, "station.developed", fields).map_err(|e| e.to_string())
     }
 
+    fn judge(&mut self, session: &str, step: usize) -> Result<Judged, String> {
+        let job = self.book.look(session, |entry| {
+            let plan = entry.work.calibration()?.clone();
+            let frames: Option<_> = (0..plan.stations_of(step).end).map(|s| entry.ledger.bracket(s)).collect();
+            let (directory, manifest) = (entry.directory.clone(), entry.manifest.clone());
+            Some(StepJob { directory, manifest, plan, step, frames: frames? })
+        });
+        let job = job.flatten().ok_or_else(|| format!("the frames of step {step} are not complete"))?;
+        let processing = &mut self.processing;
+        guarded(|| processing.judge(&job))
+    }
+
     fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
         let (complete, missing, job) = self
             .book
             .look(session, |entry| {
-                let ledger = &entry.ledger;
-                let complete = (0..entry.plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
-                let light_positions_mm =
-                    entry.plan.stations.iter().take(complete).map(|s| s.light_position_mm).collect();
+                let (ledger, plan) = (&entry.ledger, entry.work.capture()?);
+                let complete = (0..plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
+                let stations = plan.stations.iter().take(complete).cloned().collect();
                 let missing = (0..complete).any(|station| !ledger.is_developed(station));
-                (complete, missing, FitJob { directory: entry.directory.clone(), light_positions_mm, request })
+                let warnings = ledger.snapshot.warnings.clone();
+                let directory = entry.directory.clone();
+                Some((complete, missing, FitJob { directory, stations, warnings, request }))
             })
+            .flatten()
             .ok_or("there is no such session")?;
         if complete == 0 {
             return Err("no station has a complete bracket: there is nothing to fit".into());
@@ -158,6 +187,30 @@ impl Worker {
             Err(reason) => json!({"error": reason, "mean_relative_error": null}),
         };
         self.book.note(session, "fit.finished", fields);
+    }
+}
+
+/// Waits for the worker's answer, unless the run is aborted or the daemon ends.
+pub fn answer<T>(book: &Book, id: &str, answer: &Receiver<T>) -> Result<T, Ended> {
+    let look = |inner: &mut super::book::Inner| {
+        if inner.shutdown {
+            return Some(Err(Ended::ShutDown));
+        }
+        if inner.entry(id).is_ok_and(|entry| entry.state() == SessionState::Aborting) {
+            return Some(Err(Ended::Aborted));
+        }
+        match answer.try_recv() {
+            Ok(answer) => Some(Ok(answer)),
+            Err(TryRecvError::Empty) => None,
+            Err(TryRecvError::Disconnected) => {
+                Some(Err(Ended::Failed("the worker has ended: restart the daemon".into())))
+            }
+        }
+    };
+    loop {
+        if let Some(ended) = book.wait(Duration::from_secs(1), look) {
+            return ended;
+        }
     }
 }
 

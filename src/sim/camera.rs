@@ -7,6 +7,7 @@ mod sensor;
 pub use faults::{CameraFaults, Fault};
 
 use super::pose::{Pose, SharedPose};
+use super::stage::{Placed, StageHandle};
 use super::world::World;
 use crate::devices::Cancel;
 use crate::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
@@ -24,33 +25,46 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// Different poses rendered for one exposure, at most: enough to show that the arm moved.
 const MAX_POSES: usize = 8;
 
+/// What a picture depends on.
+type Shown = (Placed, Pose);
+
 /// A camera that photographs the simulated world as it is while the shutter is open.
 pub struct SimulatedCamera {
     world: World,
     sensor: Sensor,
     pose: SharedPose,
+    stage: StageHandle,
     faults: CameraFaults,
     speed: f64,
     frame_number: u32,
     last_frame: Option<RawFrame>,
-    /// The last rendered pose: a bracket renders once.
-    rendered: Option<(Pose, Arc<Image<[f64; 3]>>)>,
+    /// What was rendered last: a bracket renders once.
+    rendered: Option<(Shown, Arc<Image<[f64; 3]>>)>,
 }
 
 impl SimulatedCamera {
     /// A camera before the simulated world. Exposures last `simulation.speed` times shorter than real; an infinite speed
     /// exposes at once. Noise depends on `simulation.seed` and the running number of the frame alone.
     pub fn new(rig: &Rig, simulation: &Simulation, pose: SharedPose, faults: CameraFaults) -> Self {
+        let world = World::new(rig, simulation);
         Self {
-            world: World::new(rig, simulation),
-            sensor: Sensor::new(&rig.camera, simulation.seed),
+            sensor: Sensor::new(&rig.camera, &world.truth().tones, simulation.seed),
+            world,
             pose,
+            stage: StageHandle::default(),
             faults,
             speed: simulation.speed,
             frame_number: 0,
             last_frame: None,
             rendered: None,
         }
+    }
+
+    /// The same camera before a stage on which somebody places things; otherwise the sample stands there.
+    #[must_use]
+    pub fn before(mut self, stage: StageHandle) -> Self {
+        self.stage = stage;
+        self
     }
 
     /// Waits for the exposure to end and returns the poses seen, each with its share of the time.
@@ -73,11 +87,12 @@ impl SimulatedCamera {
     }
 
     fn render(&mut self, pose: Pose) -> Arc<Image<[f64; 3]>> {
+        let shown = (self.stage.get(), pose);
         match &self.rendered {
-            Some((known, image)) if *known == pose => Arc::clone(image),
+            Some((known, image)) if *known == shown => Arc::clone(image),
             _ => {
-                let image = Arc::new(self.world.radiance(pose));
-                self.rendered = Some((pose, Arc::clone(&image)));
+                let image = Arc::new(self.world.radiance_of(shown.0, pose));
+                self.rendered = Some((shown, Arc::clone(&image)));
                 image
             }
         }

@@ -2,6 +2,10 @@
 //! Imported only by main (through `cli`), studies and tests.
 pub mod arm;
 pub mod camera;
+mod lens;
 pub mod pose;
 pub mod scene;
+pub mod stage;
+pub mod tone;
+pub mod truth;
 pub mod world;

@@ -1,43 +1,45 @@
 //! One physical world: what light reaches every sensor pixel for where the arm and its lamp really are.
 
+use super::lens;
 use super::pose::Pose;
 use super::scene::Scene;
+use super::stage::{Balls, Flat, Placed, Print};
+use super::truth::Truth;
 use crate::numerics::brdf::ward::Ward;
-use crate::numerics::geometry::{Angles, Light, Projection, Sphere, SurfacePoint, Vec3};
+use crate::numerics::geometry::{Angles, Light, SurfacePoint, Vec3};
 use crate::numerics::image::Image;
 use rayon::prelude::*;
 use rig_config::{Rig, Simulation};
 
-/// Rays per pixel and axis: edges and lobes are integrated over the pixel's area.
+/// Rays per pixel and axis on the sample: edges and lobes are integrated over the pixel's area.
 const SUPERSAMPLING: usize = 3;
 
-/// The sphere in a black enclosure under one small lamp on an arm, before a pinhole camera with lens distortion.
+/// What stands in a black enclosure under one small lamp on an arm, before a pinhole camera with lens distortion.
 #[derive(Clone, Debug)]
 pub struct World {
-    width: usize,
-    height: usize,
-    projection: Projection,
-    sphere: Sphere,
+    size: (usize, usize),
+    truth: Truth,
+    /// Middle of the stage as the rig file says: where an operator puts things.
+    stage: Vec3,
     scene: Scene,
-    lamp: rig_config::Lamp,
+    level_permille: u16,
 }
 
 impl World {
-    /// The world the rig file describes, with the object of `simulation`.
+    /// The world of a rig, with the object of `simulation`.
     pub fn new(rig: &Rig, simulation: &Simulation) -> Self {
-        let camera = &rig.camera;
         Self {
-            width: camera.width,
-            height: camera.height,
-            projection: Projection::Pinhole {
-                focal_px: camera.focal_px,
-                principal_px: camera.principal_px,
-                distortion: camera.distortion,
-            },
-            sphere: Sphere { center: Vec3::from(rig.object.center_mm), radius: rig.object.radius_mm },
+            size: (rig.camera.width, rig.camera.height),
+            truth: Truth::new(rig, simulation),
+            stage: Vec3::from(rig.object.center_mm),
             scene: Scene::new(simulation.scene, simulation.seed),
-            lamp: rig.lamp.clone(),
+            level_permille: rig.lamp.level_permille,
         }
+    }
+
+    /// What the rig is really like.
+    pub fn truth(&self) -> &Truth {
+        &self.truth
     }
 
     /// The object's surface: the truth of a fit.
@@ -45,33 +47,89 @@ impl World {
         &self.scene
     }
 
-    /// Noise-free radiance of every sensor pixel, in the unit in which radiance x seconds = 1 gives level 128.
-    /// The lamp gives the rig file's intensity at the rig file's level, and proportionally less below.
-    pub fn radiance(&self, pose: Pose) -> Image<[f64; 3]> {
-        let level = f64::from(pose.lamp_permille) / f64::from(self.lamp.level_permille.max(1));
-        let light = Light::Point {
-            position: Vec3::from(self.lamp.position_mm(pose.angle_deg)),
-            intensity: self.lamp.intensity.map(|i| i * level),
-        };
-        let mut image = Image::filled(self.width, self.height, [0.0; 3]);
-        if pose.lamp_permille > 0 {
-            image.pixels.par_chunks_mut(self.width).enumerate().for_each(|(y, row)| {
-                for (x, pixel) in row.iter_mut().enumerate() {
-                    *pixel = self.pixel(x, y, &light);
-                }
-            });
+    /// The lamp as a light: at the rig file's level of its own intensity, and proportionally less below.
+    pub fn light(&self, pose: Pose) -> Light {
+        let level = f64::from(pose.lamp_permille) / f64::from(self.level_permille.max(1));
+        Light::Point {
+            position: self.truth.lamp.position(pose.angle_deg),
+            intensity: self.truth.lamp.intensity.map(|i| i * level),
         }
+    }
+
+    /// The chessboard, or the card that lies on it, as held for a view.
+    pub fn flat(&self, print: Print, view: usize) -> Flat {
+        Flat::view(print, view, self.stage.z, &self.truth.projection, self.size)
+    }
+
+    /// The calibration balls.
+    pub fn balls(&self) -> Balls {
+        Balls::new(&self.stage)
+    }
+
+    /// Noise-free radiance of every sensor pixel with the sample on the stage, in the unit in which radiance x seconds = 1 gives
+    /// level 128.
+    pub fn radiance(&self, pose: Pose) -> Image<[f64; 3]> {
+        self.radiance_of(Placed::Sample, pose)
+    }
+
+    /// The same with anything on the stage.
+    pub fn radiance_of(&self, placed: Placed, pose: Pose) -> Image<[f64; 3]> {
+        if pose.lamp_permille == 0 {
+            return Image::filled(self.size.0, self.size.1, [0.0; 3]);
+        }
+        let light = self.light(pose);
+        let (size, projection) = (self.size, &self.truth.projection);
+        let flat = |print, view| {
+            let flat = self.flat(print, view);
+            let bounds = self.bounds(flat.outline());
+            lens::gather(projection, size, bounds, |ray| flat.radiance(ray, &light))
+        };
+        let sharp = match placed {
+            Placed::Sample => self.sample(&light),
+            Placed::Board { view } => flat(Print::Chessboard, view),
+            Placed::Card { on } => flat(Print::Grey, on),
+            Placed::Balls => {
+                let balls = self.balls();
+                let bounds = self.bounds(balls.spheres().iter().flat_map(|s| around(&s.center, s.radius)));
+                lens::gather(projection, size, bounds, |ray| balls.radiance(ray, &light))
+            }
+        };
+        lens::blur(sharp, self.truth.blur_px)
+    }
+
+    /// Pixels that may show something of a thing inside `points`: left, top, right, bottom.
+    fn bounds(&self, points: impl IntoIterator<Item = Vec3>) -> [usize; 4] {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [0.0_f64; 2]);
+        for point in points {
+            let pixel = self.truth.projection.project(&point);
+            low = std::array::from_fn(|i| low[i].min(pixel[i]));
+            high = std::array::from_fn(|i| high[i].max(pixel[i]));
+        }
+        let upper = |value: f64, most: usize| (value.ceil() as usize + 2).min(most);
+        let lower = |value: f64| (value - 2.0).max(0.0) as usize;
+        [lower(low[0]), lower(low[1]), upper(high[0], self.size.0), upper(high[1], self.size.1)]
+    }
+
+    fn sample(&self, light: &Light) -> Image<[f64; 3]> {
+        let mut image = Image::filled(self.size.0, self.size.1, [0.0; 3]);
+        let [left, top, right, bottom] = self.bounds(around(&self.truth.object.center, self.truth.object.radius));
+        let rows = image.pixels.par_chunks_mut(self.size.0).enumerate().skip(top).take(bottom.saturating_sub(top));
+        rows.for_each(|(y, row)| {
+            for (x, pixel) in row.iter_mut().enumerate().take(right).skip(left) {
+                *pixel = self.pixel(x, y, light);
+            }
+        });
         image
     }
 
-    /// Mean radiance over the area of a pixel.
+    /// Mean radiance of the sample over the area of a pixel.
     fn pixel(&self, x: usize, y: usize, light: &Light) -> [f64; 3] {
         let part = |i: usize| (i as f64 + 0.5) / SUPERSAMPLING as f64;
         let mut sum = [0.0; 3];
         for j in 0..SUPERSAMPLING {
             for i in 0..SUPERSAMPLING {
-                let ray = self.projection.ray(x as f64 + part(i), y as f64 + part(j));
-                if let Some(point) = self.sphere.intersect(&ray) {
+                let ray = self.truth.projection.ray(x as f64 + part(i), y as f64 + part(j));
+                if let Some(point) = self.truth.object.intersect(&ray) {
                     let radiance = self.shade(&point, light);
                     sum = std::array::from_fn(|c| sum[c] + radiance[c]);
                 }
@@ -91,4 +149,12 @@ impl World {
         let brdf = self.scene.materials().map(|material| material.brdf(&Ward, &angles));
         std::array::from_fn(|c| irradiance[c] * angles.cos_i * (weights[0] * brdf[0][c] + weights[1] * brdf[1][c]))
     }
+}
+
+/// Corners of a box whose image holds that of a sphere.
+fn around(center: &Vec3, radius: f64) -> [Vec3; 8] {
+    std::array::from_fn(|i| {
+        let side = |bit: usize| if i >> bit & 1 == 0 { -radius } else { radius };
+        center + Vec3::new(side(0), side(1), side(2))
+    })
 }

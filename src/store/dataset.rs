@@ -248,16 +248,27 @@ pub fn radiance_name(station: usize) -> String {
     format!("radiance/{station:02}.exr")
 }
 
+/// One light of a session.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SessionLight {
+    /// Position, camera frame, mm.
+    pub position_mm: [f64; 3],
+    /// Radiant intensity per channel, radiance units x mm^2.
+    pub intensity: [f64; 3],
+}
+
 /// Writes `directory/dataset.toml` for a rig's session: one light a station in the order of the plan, mm, images by
-/// [`radiance_name`].
+/// [`radiance_name`]. `origin` says in one line where the geometry comes from.
 pub fn write_for_session(
     directory: &Path,
     rig: &rig_config::Rig,
-    light_positions_mm: &[[f64; 3]],
+    lights: &[SessionLight],
+    origin: &str,
 ) -> Result<(), DatasetError> {
-    let raw = RawDataset::of_session(rig, light_positions_mm);
+    let raw = RawDataset::of_session(rig, lights);
     let path = directory.join(FILE);
     let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
+    let text = format!("# {origin}\n{text}");
     // A file cut off by a full disk or a kill would spoil every later fit: it appears whole or not at all.
     let unfinished = directory.join(format!(".{FILE}.tmp"));
     std::fs::write(&unfinished, text)

@@ -33,7 +33,22 @@ pub struct Manifest {
     pub camera: Option<String>,
     /// The request's Idempotency-Key, if it had one.
     pub idempotency: Option<Idempotency>,
+    /// Consecutive number of a calibration run; a session has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<u64>,
 }
+
+impl Manifest {
+    /// Folder of the data directory in which a run of this kind is kept.
+    pub fn shelf(&self) -> &'static str {
+        if self.version.is_some() { CALIBRATIONS } else { SESSIONS }
+    }
+}
+
+/// Where sessions are kept.
+pub const SESSIONS: &str = "sessions";
+/// Where calibration runs are kept.
+pub const CALIBRATIONS: &str = "calibrations";
 
 /// An Idempotency-Key and the request it belongs to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -11,8 +11,10 @@
 //!     frames/SSS-EE.jpg          station and exposure, both from 0; a later attempt is SSS-EE-aN.jpg (N from 2)
 //!     frames/.SSS-EE.jpg.tmp     a frame being written; removed at the next start
 //!     radiance/NN.exr            developed stations, numbered as the lights of dataset.toml
+//!     calibration.json           copy of the calibration it uses, if any
 //!     dataset.toml               makes the session a dataset (docs/dataset.md)
 //!     result/                    the fitted material
+//!   calibrations/<uuid v7>/      calibration runs: the same, with result/calibration.json
 //! ```
 //!
 //! Invariants, checked by `tests/store_crash.rs` for a kill at every step: every journalled frame has a file of that size and

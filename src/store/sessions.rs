@@ -1,8 +1,8 @@
-//! The data directory: its lock, its sessions, and the room that is left.
+//! The data directory: its lock, its runs (sessions and calibrations), and the room that is left.
 
 use super::journal::{self, Journal};
-use super::manifest::{self, Manifest};
-use super::{Disk, RealDisk, Step, StoreError, frames, io_error, sync_directory};
+use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
+use super::{Disk, RealDisk, Step, StoreError, frames, io_error, sync_directory, write_synced};
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -38,8 +38,10 @@ impl Store {
 
     /// [`Store::open`] on a given disk.
     pub fn open_on(directory: &Path, reserve_bytes: u64, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
-        let sessions = directory.join("sessions");
-        std::fs::create_dir_all(&sessions).map_err(|e| io_error("create", &sessions, &e))?;
+        for shelf in [SESSIONS, CALIBRATIONS] {
+            let path = directory.join(shelf);
+            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+        }
         let path = directory.join("lock");
         let lock = File::create(&path).map_err(|e| io_error("open", &path, &e))?;
         lock.try_lock().map_err(|error| match error {
@@ -64,21 +66,26 @@ impl Store {
         FrameWriter { disk: self.disk(), directory: session.join("frames"), reserve_bytes: self.reserve_bytes }
     }
 
-    /// Makes a session directory with its manifest and first journal record; it appears whole or not at all.
+    /// Makes the directory of a run with its manifest, `files` (name and bytes) and first journal record; it appears whole or not at
+    /// all.
     pub fn create(
         &self,
         manifest: &Manifest,
+        files: &[(&str, &[u8])],
         kind: &str,
         fields: Map<String, Value>,
     ) -> Result<(PathBuf, Journal, Value), StoreError> {
-        let sessions = self.directory.join("sessions");
-        let unfinished = sessions.join(format!("{UNFINISHED}{}", manifest.id));
-        let last = sessions.join(&manifest.id);
+        let shelf = self.directory.join(manifest.shelf());
+        let unfinished = shelf.join(format!("{UNFINISHED}{}", manifest.id));
+        let last = shelf.join(&manifest.id);
         for name in ["frames", "radiance"] {
             let path = unfinished.join(name);
             std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
         }
         manifest::write(self.disk.as_ref(), &unfinished, manifest)?;
+        for (name, bytes) in files {
+            write_synced(self.disk.as_ref(), &unfinished.join(name), bytes)?;
+        }
         let path = unfinished.join(journal::FILE);
         let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, self.disk())?;
         let record = journal.append(kind, fields)?;
@@ -87,17 +94,21 @@ impl Store {
             .and_then(|()| std::fs::rename(&unfinished, &last))
             .map_err(|e| io_error("name", &last, &e))?;
         journal.moved_to(&last);
-        sync_directory(self.disk.as_ref(), &sessions)?;
+        sync_directory(self.disk.as_ref(), &shelf)?;
         Ok((last, journal, record))
     }
 
-    /// Every session on disk, oldest first, and what could not be read. Directories that a crash left unfinished are removed.
-    pub fn sessions(&self) -> Result<(Vec<Found>, Vec<StoreError>), StoreError> {
-        let path = self.directory.join("sessions");
+    /// Every run on disk, oldest first, and what could not be read. Directories that a crash left unfinished are removed.
+    pub fn runs(&self) -> Result<(Vec<Found>, Vec<StoreError>), StoreError> {
         let (mut found, mut unreadable) = (Vec::new(), Vec::new());
-        let entries = std::fs::read_dir(&path).map_err(|e| io_error("list", &path, &e))?;
-        for entry in entries {
-            let directory = entry.map_err(|e| io_error("list", &path, &e))?.path();
+        let mut directories = Vec::new();
+        for shelf in [SESSIONS, CALIBRATIONS] {
+            let path = self.directory.join(shelf);
+            for entry in std::fs::read_dir(&path).map_err(|e| io_error("list", &path, &e))? {
+                directories.push(entry.map_err(|e| io_error("list", &path, &e))?.path());
+            }
+        }
+        for directory in directories {
             let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             if name.starts_with(UNFINISHED) {
                 std::fs::remove_dir_all(&directory).map_err(|e| io_error("remove", &directory, &e))?;

@@ -11,9 +11,10 @@ use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use rigd::pipeline::fit::{FitProgress, OnProgress};
+use rigd::session::calibration::file::{self, CalibrationFile};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
-use rigd::session::processing::{Bracket, FitJob, Processing};
+use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::SessionState;
 use rigd::store::{Disk, RealDisk, Step, Store};
 use serde_json::{Value, json};
@@ -78,6 +79,7 @@ pub fn rig() -> Rig {
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000 },
         server: Server { listen: "127.0.0.1:0".parse().unwrap() },
         simulation: None,
+        calibration: None,
     }
 }
 
@@ -95,6 +97,8 @@ pub struct World {
     pub shots: Vec<(usize, usize, u16, f64)>,
     pub developed: Vec<(usize, usize)>,
     pub fitted: Vec<usize>,
+    /// Step and its frames.
+    pub judged: Vec<(String, usize)>,
 }
 
 /// What the fake camera does with a shot.
@@ -118,6 +122,8 @@ pub struct Fakes {
     pub arm_script: Arc<Mutex<ArmScript>>,
     pub camera_script: Arc<Mutex<CameraScript>>,
     pub step_script: Arc<Mutex<StepScript>>,
+    /// What the last step of a calibration measures.
+    pub measured: Arc<Mutex<Option<CalibrationFile>>>,
     pub disk: Arc<TestDisk>,
 }
 
@@ -128,6 +134,7 @@ impl Default for Fakes {
             arm_script: Arc::new(Mutex::new(Box::new(|_, _| None))),
             camera_script: Arc::new(Mutex::new(Box::new(|_, _, _| Act::Good))),
             step_script: Arc::new(Mutex::new(Box::new(|_| None))),
+            measured: Arc::default(),
             disk: Arc::default(),
         }
     }
@@ -171,11 +178,16 @@ impl Fakes {
     }
 
     pub fn try_engine(&self, data: &Path, rig: Rig) -> Result<EngineHandle, EngineError> {
+        self.engine_of(data, rig, "name = \"fake rig\"")
+    }
+
+    /// An engine whose manifests hold this rig file.
+    pub fn engine_of(&self, data: &Path, rig: Rig, rig_text: &str) -> Result<EngineHandle, EngineError> {
         let store = self.store(data);
         let (arm, camera) = (self.clone(), self.clone());
         start(EngineParts {
             rig,
-            rig_text: "name = \"fake rig\"".into(),
+            rig_text: rig_text.into(),
             store,
             open_arm: Box::new(move || arm.open_arm()),
             open_camera: Box::new(move || camera.open_camera()),
@@ -368,6 +380,16 @@ impl Drop for FakeCamera {
     }
 }
 
+/// The calibration as the run's own.
+fn write_measured(job: &StepJob, found: CalibrationFile) {
+    let manifest = &job.manifest;
+    let (arm, camera_model, version) = (manifest.arm.clone(), manifest.camera.clone(), manifest.version.unwrap());
+    let found = CalibrationFile { id: manifest.id.clone(), version, arm, camera_model, ..found };
+    let path = file::path(&job.directory);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, serde_json::to_vec(&found).unwrap()).unwrap();
+}
+
 struct FakeProcessing(Fakes);
 
 impl Processing for FakeProcessing {
@@ -387,6 +409,23 @@ impl Processing for FakeProcessing {
         Ok(Value::Null)
     }
 
+    fn judge(&mut self, job: &StepJob) -> Result<Judged, String> {
+        let name = job.plan.steps[job.step].step.name();
+        let shot: usize = job.frames[job.plan.stations_of(job.step)].iter().map(Vec::len).sum();
+        self.0.world().judged.push((name.clone(), shot));
+        match self.0.step_script.lock().unwrap()(&name) {
+            Some(reason) if reason.starts_with("fatal") => Err(reason),
+            Some(reason) => Ok(Judged::Refused(reason)),
+            None => {
+                let measured = self.0.measured.lock().unwrap().clone();
+                if let Some(found) = measured.filter(|_| name == "balls") {
+                    write_measured(job, found);
+                }
+                Ok(Judged::Accepted(json!({"frames": shot})))
+            }
+        }
+    }
+
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
         if let Some(reason) = self.0.step_script.lock().unwrap()("fit") {
             return Err(reason);
@@ -394,7 +433,7 @@ impl Processing for FakeProcessing {
         if progress(FitProgress { iteration: 1, cost: 2.5 }).is_break() {
             return Err("the fit was cancelled".into());
         }
-        self.0.world().fitted.push(job.light_positions_mm.len());
+        self.0.world().fitted.push(job.stations.len());
         Ok(json!({"mean_relative_error": 0.04, "iterations": 3, "termination": "converged"}))
     }
 }

@@ -1,9 +1,10 @@
 //! `rigd calibrate camera`: intrinsics, distortion and board poses from a folder of chessboard photographs.
 
+use super::files;
 use crate::cli::error::{bad_input, print_line};
 use crate::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, calibrate_camera};
 use anyhow::Context;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Measure the camera on photographs of a chessboard.
 ///
@@ -28,9 +29,6 @@ pub struct Args {
     json: bool,
 }
 
-/// A larger file is no camera's photograph, bytes.
-const MAX_FILE: u64 = 256 << 20;
-
 fn corners(text: &str) -> Result<(usize, usize), String> {
     let parsed = text.split_once('x').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
     parsed.ok_or_else(|| "give inner corners as COLUMNSxROWS, for example 9x6".into())
@@ -39,7 +37,7 @@ fn corners(text: &str) -> Result<(usize, usize), String> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let board = Board { columns: args.board.0, rows: args.board.1, square_mm: args.square_mm };
-    let files = photographs(&args.folder)?;
+    let files = files::pictures(&args.folder).map_err(bad_input)?;
     let photographs: Vec<Photograph<'_>> = files.iter().map(|(name, bytes)| Photograph { name, bytes }).collect();
     let found = calibrate_camera(&photographs, &board)
         .map_err(|error| bad_input(format!("{}: {error}", args.folder.display())))?;
@@ -48,35 +46,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         std::fs::write(out, &json).with_context(|| format!("{}: the file cannot be written", out.display()))?;
     }
     Ok(print_line(if args.json { json } else { summary(&found).trim_end().to_owned() })?)
-}
-
-/// Name and bytes of every picture file of a folder, by name.
-fn photographs(folder: &Path) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
-    let refuse = |path: &Path, reason: String| bad_input(format!("{}: {reason}", path.display()));
-    let unreadable = |e: std::io::Error| refuse(folder, format!("{e}: give a folder of photographs"));
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-        let path = entry.map_err(unreadable)?.path();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if !["jpg", "jpeg", "png", "bmp"].contains(&ending.as_str()) {
-            continue;
-        }
-        let size = std::fs::metadata(&path).map_err(|e| refuse(&path, e.to_string()))?.len();
-        if size > MAX_FILE {
-            let reason = format!("{size} bytes are no photograph: give files of at most {MAX_FILE} bytes");
-            return Err(refuse(&path, reason));
-        }
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        found.push((name, std::fs::read(&path).map_err(|e| refuse(&path, e.to_string()))?));
-    }
-    found.sort();
-    if found.is_empty() {
-        return Err(refuse(
-            folder,
-            "no .jpg, .png or .bmp file in it: give a folder of photographs of the board".into(),
-        ));
-    }
-    Ok(found)
 }
 
 /// What a person wants to know, a line each.

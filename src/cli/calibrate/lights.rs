@@ -2,6 +2,7 @@
 
 mod folder;
 
+use super::files;
 use crate::cli::error::{bad_input, print_line};
 use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::image::RadianceImage;
@@ -52,9 +53,6 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A larger file is no camera's frame, bytes.
-const MAX_FILE: u64 = 1 << 30;
-
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let camera = CameraFile::read(&args.camera).map_err(bad_input)?;
@@ -97,7 +95,7 @@ fn ball_frame(path: &Path, size: (usize, usize)) -> Result<Spots, String> {
     if is_exr(path) {
         return read_radiance(path, size).map(|image| frames::from_radiance(&image)).map_err(|e| e.reason);
     }
-    decode(&bytes(path)?).map(|picture| frames::from_levels(&picture)).map_err(|e| e.to_string())
+    decode(&files::read(path)?).map(|picture| frames::from_levels(&picture)).map_err(|e| e.to_string())
 }
 
 fn card_frame(path: &Path, size: (usize, usize)) -> Result<RadianceImage, String> {
@@ -107,14 +105,6 @@ fn card_frame(path: &Path, size: (usize, usize)) -> Result<RadianceImage, String
         );
     }
     read_radiance(path, size).map_err(|e| e.reason)
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>, String> {
-    let size = std::fs::metadata(path).map_err(|e| format!("{e}: name a frame that is in the folder"))?.len();
-    if size > MAX_FILE {
-        return Err(format!("{size} bytes are no camera's frame: give files of at most {MAX_FILE} bytes"));
-    }
-    std::fs::read(path).map_err(|e| e.to_string())
 }
 
 /// What a person wants to know, a line each.

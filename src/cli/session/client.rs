@@ -1,7 +1,7 @@
 //! The daemon's REST surface as calls.
 
 use crate::http::Problem;
-use crate::session::handle::SessionSnapshot;
+use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, SessionSnapshot};
 use crate::session::plan::{CapturePlan, StartRequest};
 use crate::session::state::Verb;
 use serde::Deserialize;
@@ -70,6 +70,18 @@ fn describe(problem: &Problem) -> String {
 pub struct Client {
     base: String,
     agent: Agent,
+}
+
+#[derive(Deserialize)]
+struct CalibrationList {
+    calibrations: Vec<CalibrationSnapshot>,
+}
+
+fn check_id(id: &str, what: &str) -> Result<(), ClientError> {
+    if id.is_empty() || !id.chars().all(|c| c.is_ascii_alphanumeric() || c == '-') {
+        return Err(ClientError::Usage(format!("`{id}` is no {what}")));
+    }
+    Ok(())
 }
 
 #[derive(Deserialize)]
@@ -159,6 +171,48 @@ impl Client {
         self.read(self.agent.post(url).send_empty())
     }
 
+    /// Starts a calibration.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn start_calibration(&self, request: &CalibrationRequest) -> Result<CalibrationSnapshot, ClientError> {
+        self.read(self.agent.post(format!("{}/v1/calibrations", self.base)).send_json(request))
+    }
+
+    /// Every calibration, newest first.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn calibrations(&self) -> Result<Vec<CalibrationSnapshot>, ClientError> {
+        let list: CalibrationList = self.read(self.agent.get(format!("{}/v1/calibrations", self.base)).call())?;
+        Ok(list.calibrations)
+    }
+
+    /// One calibration.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn calibration(&self, id: &str) -> Result<CalibrationSnapshot, ClientError> {
+        self.read(self.agent.get(self.of_calibration(id, "")?).call())
+    }
+
+    /// What a completed calibration measured.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn calibration_result(&self, id: &str) -> Result<serde_json::Value, ClientError> {
+        self.read(self.agent.get(self.of_calibration(id, "/result")?).call())
+    }
+
+    /// Asks a calibration to shoot or to abort.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn command_calibration(&self, id: &str, verb: Verb) -> Result<CalibrationSnapshot, ClientError> {
+        let url = self.of_calibration(id, &format!("/{verb}"))?;
+        self.read(self.agent.post(url).send_empty())
+    }
+
     /// Sequence numbers of a session's events above `after`, as they come, until the stream ends or breaks.
     pub(super) fn events(&self, id: &str, after: u64) -> Result<impl Iterator<Item = u64> + use<>, ClientError> {
         let request = self.agent.get(self.of_session(id, "/events")?).header("Last-Event-ID", after.to_string());
@@ -168,10 +222,13 @@ impl Client {
 
     /// Path of a session; ids that would change the path are refused here.
     fn of_session(&self, id: &str, rest: &str) -> Result<String, ClientError> {
-        if id.is_empty() || !id.chars().all(|c| c.is_ascii_alphanumeric() || c == '-') {
-            return Err(ClientError::Usage(format!("`{id}` is no session id: see `rigd session list`")));
-        }
+        check_id(id, "session id: see `rigd session list`")?;
         Ok(format!("{}/v1/sessions/{id}{rest}", self.base))
+    }
+
+    fn of_calibration(&self, id: &str, rest: &str) -> Result<String, ClientError> {
+        check_id(id, "calibration id: see `rigd calibrate list`")?;
+        Ok(format!("{}/v1/calibrations/{id}{rest}", self.base))
     }
 
     fn read<T: DeserializeOwned>(&self, answer: Result<Response<Body>, ureq::Error>) -> Result<T, ClientError> {

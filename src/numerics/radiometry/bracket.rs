@@ -20,7 +20,14 @@ pub struct Exposure {
 pub struct Bracket {
     exposures: Vec<Exposure>,
     level_variance: [f64; 3],
+    /// Levels at [`Bracket::sample_points`] before they were rounded, frame by frame.
+    fine: Option<Vec<Vec<[f32; 3]>>>,
 }
+
+/// Pixels that times and response are measured on, at most: enough for 0.1 % on a frame that shows only a highlight.
+pub const MANY: usize = 160_000;
+/// A pixel that no frame shows brighter says nothing.
+const SHOWN_LEVEL: u8 = 5;
 
 impl Bracket {
     /// Checks and orders `exposures`. `level_variance` is the variance that storing the frame added to a channel, levels squared
@@ -46,7 +53,7 @@ impl Bracket {
             }
         }
         exposures.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        Ok(Self { exposures, level_variance })
+        Ok(Self { exposures, level_variance, fine: None })
     }
 
     /// The frames, shortest exposure first; at least one.
@@ -75,7 +82,39 @@ impl Bracket {
             return Err(BracketError::TooFewFrames { found: self.exposures.len(), needed: times_s.len() });
         }
         self.exposures.iter_mut().zip(times_s).for_each(|(frame, &time_s)| frame.time_s = time_s);
-        Self::new(self.exposures, self.level_variance)
+        let fine = self.fine.map(|fine| {
+            let mut order: Vec<usize> = (0..fine.len()).collect();
+            order.sort_by(|&a, &b| times_s[a].total_cmp(&times_s[b]));
+            let mut fine: Vec<_> = fine.into_iter().map(Some).collect();
+            order.into_iter().filter_map(|i| fine[i].take()).collect()
+        });
+        Ok(Self { fine, ..Self::new(self.exposures, self.level_variance)? })
+    }
+
+    /// Pixels (column, row) on a regular grid, at most `most` of those that the longest exposure shows.
+    pub fn sample_points(&self, most: usize) -> Vec<(usize, usize)> {
+        let Some(longest) = self.exposures.last() else { return Vec::new() };
+        let shown = |pixel: &[u8; 3]| pixel.iter().any(|&level| level >= SHOWN_LEVEL);
+        let count = longest.levels.pixels.iter().filter(|pixel| shown(pixel)).count();
+        let step = (count as f64 / most as f64).sqrt().ceil().max(1.0) as usize;
+        let rows = (0..self.height()).step_by(step);
+        let grid = rows.flat_map(|y| (0..self.width()).step_by(step).map(move |x| (x, y)));
+        grid.filter(|&(x, y)| shown(longest.levels.at(x, y))).collect()
+    }
+
+    /// Adds what a finer decoder says of [`Bracket::sample_points`] of [`MANY`], frame by frame: levels that are not rounded. Without
+    /// it, or if it is not complete, the rounded ones stand.
+    #[must_use]
+    pub fn with_fine_levels(mut self, fine: Vec<Vec<[f32; 3]>>) -> Self {
+        let points = self.sample_points(MANY).len();
+        let complete = fine.len() == self.exposures.len() && fine.iter().all(|frame| frame.len() == points);
+        self.fine = complete.then_some(fine);
+        self
+    }
+
+    /// Unrounded levels of the sample points, frame by frame, where they are known.
+    pub fn fine_levels(&self) -> Option<&[Vec<[f32; 3]>]> {
+        self.fine.as_deref()
     }
 
     /// The times of the frames, seconds, shortest first.

@@ -1,14 +1,14 @@
 //! Samples of an 8-bit bracket: the same pixels in every frame, by channel.
 
-use super::bracket::Bracket;
+use super::bracket::{Bracket, MANY};
 use super::groups::{Channel, Group};
 use super::response::Response;
 use rayon::prelude::*;
 
-/// Pixels looked at, at most: on a regular grid, from any frame size. Enough for 0.1 % on a frame that shows only a highlight.
-pub const MANY: usize = 160_000;
 /// From this level on a pixel counts as clipped.
 const CLIPPED_LEVEL: f64 = 252.0;
+/// From this level on a channel is white, whatever the file's storing made of it.
+const WHITE_LEVEL: f32 = 254.5;
 /// Trust in a sample of which another channel is clipped: a camera's colour matrix may have spoilt it too, but the upper
 /// levels of the weakest channel of a coloured object are seen in no other samples.
 const CLIPPED_NEIGHBOUR: f64 = 0.25;
@@ -20,17 +20,21 @@ pub struct LevelSamples {
 }
 
 impl LevelSamples {
-    /// A regular grid of at most `most` pixels over the frames of `bracket`.
+    /// Pixels of the frames of `bracket` on a regular grid, at most `most`; not rounded where a finer decoder told.
     pub fn new(bracket: &Bracket, most: usize) -> Self {
-        let (width, height) = (bracket.width(), bracket.height());
-        let step = ((width * height) as f64 / most as f64).sqrt().ceil().max(1.0) as usize;
-        let grid = || (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x));
-        let levels = std::array::from_fn(|channel| {
+        let rounded = |channel: usize| {
+            let points = bracket.sample_points(most);
             let of = |frame: &super::bracket::Exposure| {
-                grid().map(|pixel| f32::from(frame.levels.pixels[pixel][channel])).collect()
+                points.iter().map(|&(x, y)| f32::from(frame.levels.at(x, y)[channel])).collect()
             };
             bracket.exposures().iter().map(of).collect()
-        });
+        };
+        let levels = match bracket.fine_levels().filter(|_| most == MANY) {
+            Some(fine) => std::array::from_fn(|channel| {
+                fine.iter().map(|frame| frame.iter().map(|levels| levels[channel].min(255.0)).collect()).collect()
+            }),
+            None => std::array::from_fn(rounded),
+        };
         Self { levels }
     }
 
@@ -42,7 +46,7 @@ impl LevelSamples {
     /// The levels of every point, frame by frame.
     pub fn points_of(&self, channel: usize) -> Vec<Vec<u8>> {
         let frames = &self.levels[channel];
-        (0..self.points()).map(|point| frames.iter().map(|frame| frame[point] as u8).collect()).collect()
+        (0..self.points()).map(|point| frames.iter().map(|frame| frame[point].round() as u8).collect()).collect()
     }
 
     /// Groups of about one radiance of every channel, seen through `response`; `trusted` levels bound the mean of a group.
@@ -53,14 +57,18 @@ impl LevelSamples {
     fn channel_groups(&self, channel: usize, response: &Response, times: &[f64], trusted: (f64, f64)) -> Vec<Group> {
         let others = [(channel + 1) % 3, (channel + 2) % 3];
         let trust = |frame: usize, point: usize| {
-            let clipped = others.iter().any(|&other| self.levels[other][frame][point] == 255.0);
+            let clipped = others.iter().any(|&other| self.levels[other][frame][point] >= WHITE_LEVEL);
             if clipped { CLIPPED_NEIGHBOUR } else { 1.0 }
         };
         let exposure: Vec<f64> = response.log_exposure[channel].iter().map(|g| g.exp()).collect();
         let signals = &self.levels[channel];
         let channel = Channel {
             signals,
-            exposure: &|level| exposure[(level as usize).min(255)],
+            exposure: &|level| {
+                let below = (level.max(0.0) as usize).min(254);
+                let part = (level - below as f64).clamp(0.0, 1.0);
+                exposure[below] * (1.0 - part) + exposure[below + 1] * part
+            },
             trusted,
             clipped: CLIPPED_LEVEL,
             trust: &trust,

@@ -1,10 +1,10 @@
 //! Camera response g: pixel level to log exposure (Debevec & Malik 1997), kept monotone.
 
-use super::bracket::{Bracket, BracketError};
+use super::bracket::{Bracket, BracketError, MANY};
 use super::curve_system::CurveSystem;
 use super::exposure_ratios::Information;
 use super::groups::Group;
-use super::level_samples::{LevelSamples, MANY};
+use super::level_samples::LevelSamples;
 
 /// Level whose exposure is the unit: g(REFERENCE_LEVEL) = 0 in every channel, as Debevec & Malik fix the scale.
 /// A pixel of radiance 1 reaches this level after 1 s.

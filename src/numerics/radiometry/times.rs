@@ -1,11 +1,11 @@
 //! Shutter times measured on the images of a bracket, beside the times its labels mean.
 
-use super::bracket::{Bracket, BracketError};
+use super::bracket::{Bracket, BracketError, MANY};
 use super::curve_system::CurveSystem;
 use super::exposure_ratios::Information;
 use super::gauge::{gauge, scatter};
 use super::groups::Channel;
-use super::level_samples::{LevelSamples, MANY};
+use super::level_samples::LevelSamples;
 use super::noise::SensorNoise;
 use super::response::{MIN_FRAMES, Response, coverage, level_sigma};
 use nalgebra::{DMatrix, DVector};

@@ -1,12 +1,14 @@
 //! Camera calibration from photographs of a chessboard: named files in, report out.
 
 mod board;
+mod card;
 mod grid;
 mod quality;
 mod refine;
 mod report;
 
 pub use board::{BadPhotograph, Board, Found, find_board};
+pub use card::card_on_board;
 pub use quality::Quality;
 pub use report::{CameraCalibration, Decision, PoseReport, Sigma, ViewReport};
 
@@ -140,6 +142,19 @@ pub fn board_pose(
     let found = find_board(name, picture, board)
         .map_err(|reason| BoardPoseError::Photograph { name: name.to_owned(), reason })?;
     pose_of(&found.view, projection).map_err(|reason| BoardPoseError::View { name: name.to_owned(), reason })
+}
+
+/// Looks at one more view of the board while views are still being taken; `earlier` are those taken, with a number each.
+///
+/// # Errors
+/// Why it does not serve, and what to do.
+pub fn look_at_view(
+    photograph: &Photograph<'_>,
+    board: &Board,
+    (width, height): (usize, usize),
+    earlier: &[(usize, Found)],
+) -> Result<Found, BadPhotograph> {
+    sort_out(look(photograph, board), Size { width, height }, earlier)
 }
 
 /// A photograph's size, if it has one, and its board.

@@ -22,8 +22,8 @@ impl Acquisition<'_> {
         self.wait_for_room(&format!("{error}; the frames still to come need about {rest} bytes"), frame_bytes)
     }
 
-    /// A station that could not be developed ends the session, unless the disk was full: then it is developed before the fit.
-    fn outlast(&mut self, Fault { reason, lack }: Fault) -> Result<(), Ended> {
+    /// Work that failed ends the run, unless the disk was full: then it is made again once there is room.
+    pub(super) fn outlast(&mut self, Fault { reason, lack }: Fault) -> Result<(), Ended> {
         match lack {
             Some(Lack { error, bytes }) => self.wait_for_room(&format!("{reason}; {error}"), bytes),
             None => Err(Ended::Failed(reason)),

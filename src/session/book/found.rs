@@ -1,31 +1,30 @@
-//! Sessions that the daemon finds on disk when it starts.
+//! Runs that the daemon finds on disk when it starts.
 
 use super::{Entry, Inner};
 use crate::session::ledger::Ledger;
-use crate::session::plan::CapturePlan;
 use crate::session::state::{Event, SessionState};
+use crate::session::work::Work;
 use crate::store::StoreError;
 use crate::store::sessions::Found;
-use serde::Deserialize;
 
 impl Inner {
     /// Takes a session found on disk; true when it had to be marked interrupted.
     pub(super) fn take_in(&mut self, found: Found) -> Result<bool, StoreError> {
         let Found { directory, manifest, journal } = found;
-        let plan = match CapturePlan::deserialize(&manifest.plan) {
-            Ok(plan) => plan,
+        let work = match Work::of(&manifest) {
+            Ok(work) => work,
             Err(error) => {
                 tracing::warn!(session = manifest.id, %error, "the manifest holds no plan: the session is left alone");
                 return Ok(false);
             }
         };
-        let mut ledger = Ledger::new(&manifest, &plan);
+        let mut ledger = Ledger::new(&manifest, &work);
         journal.records.iter().for_each(|record| ledger.apply(record));
         let id = manifest.id.clone();
         let unfinished = !ledger.snapshot.state.is_final();
         let entry =
-            Entry { ledger, manifest, plan, directory, pace: 1.0, worker_fault: None, journal: None, tail: vec![] };
-        self.sessions.insert(id.clone(), entry);
+            Entry { ledger, manifest, work, directory, pace: 1.0, worker_fault: None, journal: None, tail: vec![] };
+        self.runs.insert(id.clone(), entry);
         if let Some(fault) = journal.fault {
             self.distrust(&id, &fault);
         } else if unfinished {
@@ -37,7 +36,7 @@ impl Inner {
     /// A journal that somebody changed: what it says up to there is shown, nothing is added to it.
     fn distrust(&mut self, id: &str, fault: &str) {
         tracing::error!(session = id, fault, "the journal is broken");
-        if let Some(entry) = self.sessions.get_mut(id) {
+        if let Some(entry) = self.runs.get_mut(id) {
             let snapshot = &mut entry.ledger.snapshot;
             snapshot.reason = Some(format!("the journal is broken at {fault}: the records before it are shown"));
             if !snapshot.state.is_final() {
@@ -47,7 +46,7 @@ impl Inner {
     }
 
     fn interrupt(&mut self, id: &str) -> Result<(), StoreError> {
-        if let Some(entry) = self.sessions.get(id) {
+        if let Some(entry) = self.runs.get(id) {
             let removed = self.store.remove_strays(&entry.directory, |name| entry.ledger.has_file(name))?;
             if !removed.is_empty() {
                 tracing::info!(session = id, ?removed, "unacknowledged files removed");

@@ -1,6 +1,7 @@
-//! Charge, noise and tone curve of the simulated sensor. Shares nothing with the recovery of responses.
+//! Charge and noise of the simulated sensor. Shares nothing with the recovery of responses.
 
 use crate::numerics::image::Image;
+use crate::sim::tone::Tone;
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 use rand_distr::{Distribution, Poisson, StandardNormal};
@@ -12,38 +13,6 @@ const STEPS: usize = 1 << 16;
 /// Above this many electrons the Poisson distribution is normal to the eye of an 8-bit file.
 const POISSON_BELOW_E: f64 = 100.0;
 
-/// Tone curve of a channel: power with a straight toe (as sRGB), then a contrast curve.
-const CURVES: [Curve; 3] = [
-    Curve { power: 2.30, toe: 0.050, contrast: 0.16 },
-    Curve { power: 2.20, toe: 0.055, contrast: 0.20 },
-    Curve { power: 2.10, toe: 0.060, contrast: 0.12 },
-];
-
-struct Curve {
-    power: f64,
-    toe: f64,
-    contrast: f64,
-}
-
-impl Curve {
-    /// Level (0 to 255) of a charge (0 to 1, 1 = full well); strictly increasing.
-    fn level(&self, charge: f64) -> f64 {
-        let (low, high) = (self.toe.powf(self.power), (1.0 + self.toe).powf(self.power));
-        let v = (low + charge * (high - low)).powf(1.0 / self.power) - self.toe;
-        255.0 * (v + self.contrast * v * (1.0 - v) * (2.0 * v - 1.0))
-    }
-
-    /// The charge of a level, by bisection.
-    fn charge(&self, level: f64) -> f64 {
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if self.level(middle) < level { low = middle } else { high = middle }
-        }
-        0.5 * (low + high)
-    }
-}
-
 pub(super) struct Sensor {
     full_well_e: f64,
     read_noise_e: f64,
@@ -51,23 +20,24 @@ pub(super) struct Sensor {
     /// Full wells per unit of exposure, each channel.
     charge_per_exposure: [f64; 3],
     /// Level of a charge of step / STEPS, each channel.
-    levels: [Vec<u8>; 3],
+    levels: [Vec<f32>; 3],
 }
 
 impl Sensor {
-    pub(super) fn new(camera: &rig_config::Camera, seed: u64) -> Self {
-        let table = |curve: &Curve| (0..=STEPS).map(|i| curve.level(i as f64 / STEPS as f64).round() as u8).collect();
+    pub(super) fn new(camera: &rig_config::Camera, tones: &[Tone; 3], seed: u64) -> Self {
+        let table = |curve: &Tone| (0..=STEPS).map(|i| curve.level(i as f64 / STEPS as f64) as f32).collect();
         Self {
             full_well_e: camera.full_well_e,
             read_noise_e: camera.read_noise_e,
             seed,
-            charge_per_exposure: CURVES.each_ref().map(|curve| curve.charge(UNIT_LEVEL)),
-            levels: CURVES.each_ref().map(table),
+            charge_per_exposure: tones.each_ref().map(|tone| tone.charge(UNIT_LEVEL)),
+            levels: tones.each_ref().map(table),
         }
     }
 
-    /// Exposes `radiance` for `time_s` and reads the levels out. The noise depends on the seed and `frame_number` alone.
-    pub(super) fn read_out(&self, radiance: &Image<[f64; 3]>, time_s: f64, frame_number: u32) -> Image<[u8; 3]> {
+    /// Exposes `radiance` for `time_s` and reads the levels out, not rounded: bodies count charge finer than files count levels.
+    /// The noise depends on the seed and `frame_number` alone.
+    pub(super) fn read_out(&self, radiance: &Image<[f64; 3]>, time_s: f64, frame_number: u32) -> Image<[f32; 3]> {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(self.seed.rotate_left(32) ^ u64::from(frame_number));
         let electrons_per_radiance = self.charge_per_exposure.map(|charge| charge * self.full_well_e * time_s);
         let pixels = radiance
@@ -101,16 +71,6 @@ impl Sensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn curves_rise_from_0_to_255_and_differ() {
-        for curve in &CURVES {
-            assert!(curve.level(0.0).abs() < 1e-9 && (curve.level(1.0) - 255.0).abs() < 1e-9);
-            let levels: Vec<f64> = (0..=1000).map(|i| curve.level(f64::from(i) / 1000.0)).collect();
-            assert!(levels.windows(2).all(|step| step[0] < step[1]));
-        }
-        assert!((CURVES[0].charge(60.0) / CURVES[2].charge(60.0) - 1.0).abs() > 0.02);
-    }
 
     #[test]
     fn photon_and_read_noise_have_the_stated_variance() {

@@ -1,7 +1,7 @@
 //! dataset.toml as written, before any check.
 
 use super::object::RawObject;
-use super::radiance_name;
+use super::{SessionLight, radiance_name};
 use crate::numerics::geometry::Projection;
 use serde::{Deserialize, Serialize};
 
@@ -64,8 +64,8 @@ pub(super) struct RawLight {
 }
 
 impl RawDataset {
-    /// The dataset of a session: the rig's camera and sphere, and one light position a station, mm.
-    pub fn of_session(rig: &rig_config::Rig, light_positions_mm: &[[f64; 3]]) -> Self {
+    /// The dataset of a session: the rig's camera and sphere, and one light a station.
+    pub fn of_session(rig: &rig_config::Rig, lights: &[SessionLight]) -> Self {
         let camera = &rig.camera;
         Self {
             format: 1,
@@ -80,13 +80,13 @@ impl RawDataset {
             },
             object: RawObject::sphere(rig.object.center_mm, rig.object.radius_mm),
             samples: RawSamples { saturation: None, cosine_cutoff: Some(rig.fit.cosine_cutoff) },
-            light: light_positions_mm
+            light: lights
                 .iter()
                 .enumerate()
-                .map(|(station, &position_mm)| RawLight {
+                .map(|(station, light)| RawLight {
                     image: radiance_name(station),
-                    position_mm: Some(position_mm),
-                    intensity: Some(rig.lamp.intensity),
+                    position_mm: Some(light.position_mm),
+                    intensity: Some(light.intensity),
                     direction: None,
                     irradiance: None,
                 })

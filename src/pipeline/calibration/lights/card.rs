@@ -81,3 +81,32 @@ pub fn calibrate_intensity(
     }
     Ok(out)
 }
+
+/// Like [`calibrate_intensity`], but a frame that shows no usable card only leaves its light without an intensity of its own, with a
+/// warning.
+///
+/// # Errors
+/// No frame shows a usable card: the reason of the last.
+pub fn intensities(
+    calibration: &LightsCalibration,
+    projection: &Projection,
+    card: &Card,
+    frames: &[CardFrame],
+    load: Load<'_, RadianceImage>,
+) -> Result<LightsCalibration, LightsCalibrationError> {
+    let mut frames = frames.to_vec();
+    let mut unusable = Vec::new();
+    loop {
+        match calibrate_intensity(calibration, projection, card, &frames, load) {
+            Err(LightsCalibrationError::Card { file, reason }) if frames.len() > 1 => {
+                frames.retain(|frame| frame.file != file);
+                unusable.push(format!("{file}: no intensity: {reason}"));
+            }
+            found => {
+                let mut found = found?;
+                found.warnings.extend(unusable);
+                return Ok(found);
+            }
+        }
+    }
+}

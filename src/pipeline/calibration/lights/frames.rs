@@ -2,6 +2,7 @@
 
 use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::image::{Image, RadianceImage};
+use crate::numerics::radiometry::response::Response;
 
 /// Levels from here on count as clipped: a camera's curve is flat there.
 const CLIPPED: u8 = 250;
@@ -10,7 +11,12 @@ const CLIPPED: u8 = 250;
 /// nearer to sRGB's than to a straight line. Grey is the mean of the channels; 1 is full scale.
 pub fn from_levels(picture: &Image<[u8; 3]>) -> Spots {
     let linear: Vec<f32> = (0..=255_u8).map(|level| srgb(f32::from(level) / 255.0) / 3.0).collect();
-    let grey = |p: &[u8; 3]| p.iter().map(|&c| linear[usize::from(c)]).sum();
+    from_table(picture, [linear.as_slice(); 3])
+}
+
+/// A third of every channel's exposure by level.
+fn from_table(picture: &Image<[u8; 3]>, linear: [&[f32]; 3]) -> Spots {
+    let grey = |p: &[u8; 3]| p.iter().zip(linear).map(|(&level, linear)| linear[usize::from(level)]).sum();
     let map = |pixels| Image { width: picture.width, height: picture.height, pixels };
     Spots {
         level: map(picture.pixels.iter().map(grey).collect()),
@@ -26,12 +32,25 @@ fn srgb(level: f32) -> f32 {
     if level <= 0.04045 { level / 12.92 } else { ((level + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Levels of a camera's picture through its measured response: exposures, mean of the channels, 1 at the response's reference level.
+pub fn through_response(picture: &Image<[u8; 3]>, response: &Response) -> Spots {
+    let linear: [Vec<f32>; 3] =
+        response.log_exposure.each_ref().map(|curve| curve.iter().map(|g| (g.exp() / 3.0) as f32).collect());
+    from_table(picture, [0, 1, 2].map(|c: usize| linear[c].as_slice()))
+}
+
+/// A patch whose surroundings reach this part of the brightest pixel is taken for clipped, not for dark: what surrounds a spot that
+/// was clipped in every exposure is nearly so itself, and darkness is surrounded by what the longest exposure just shows.
+const CLIPPED_SURROUNDINGS: f64 = 0.1;
+
 /// Mean radiance of the channels. Pixels that are not valid take the mean of the valid ones around their patch: a spot clipped in
 /// every exposure stays bright, darkness stays dark.
 pub fn from_radiance(image: &RadianceImage) -> Spots {
     let (width, height) = (image.radiance.width, image.radiance.height);
     let mut level: Vec<f32> = image.radiance.pixels.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect();
     let invalid: Vec<bool> = image.valid.pixels.iter().map(|v| !v).collect();
+    let brightest = level.iter().zip(&invalid).filter(|(_, invalid)| !**invalid).map(|(l, _)| *l).fold(0.0, f32::max);
+    let mut clipped = invalid.clone();
     let mut seen = vec![false; level.len()];
     for start in 0..level.len() {
         if !invalid[start] || seen[start] {
@@ -60,9 +79,13 @@ pub fn from_radiance(image: &RadianceImage) -> Spots {
             }
         }
         let mean = (sum / count.max(1) as f64) as f32;
-        patch.into_iter().for_each(|i| level[i] = mean);
+        let dark = count > 0 && f64::from(mean) < CLIPPED_SURROUNDINGS * f64::from(brightest);
+        for i in patch {
+            level[i] = mean;
+            clipped[i] = !dark;
+        }
     }
-    Spots { level: Image { width, height, pixels: level }, clipped: Image { width, height, pixels: invalid } }
+    Spots { level: Image { width, height, pixels: level }, clipped: Image { width, height, pixels: clipped } }
 }
 
 #[cfg(test)]
@@ -83,6 +106,6 @@ mod tests {
         }
         let spots = from_radiance(&image);
         assert_eq!((*spots.level.at(2, 2), *spots.level.at(7, 2)), (100.0, 1.0));
-        assert_eq!(spots.clipped.pixels.iter().filter(|c| **c).count(), 2);
+        assert_eq!((*spots.clipped.at(2, 2), spots.clipped.pixels.iter().filter(|c| **c).count()), (true, 1));
     }
 }

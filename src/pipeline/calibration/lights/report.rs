@@ -94,6 +94,30 @@ pub struct CalibratedBall {
 }
 
 impl LightsCalibration {
+    /// Lights whose positions (mm) are taken for granted: without uncertainty, balls or circle.
+    pub fn nominal(positions_mm: &[[f64; 3]]) -> Self {
+        let light = |&position_mm: &[f64; 3]| CalibratedLight {
+            angle_deg: None,
+            position_mm,
+            covariance_mm2: [[0.0; 3]; 3],
+            circle_residual_mm: None,
+            balls_used: 0,
+            intensity: None,
+            intensity_sigma: None,
+            warnings: Vec::new(),
+        };
+        Self {
+            lights: positions_mm.iter().map(light).collect(),
+            circle: None,
+            bulb_intensity: None,
+            balls: Vec::new(),
+            rms_px: 0.0,
+            reduced_chi2: 0.0,
+            highlight_sigma_factor: 1.0,
+            warnings: Vec::new(),
+        }
+    }
+
     /// The lights as the fit takes them; none for a light without intensity of its own or the bulb's.
     pub fn light(&self, index: usize) -> Option<Light> {
         let light = self.lights.get(index)?;

@@ -1,0 +1,66 @@
+//! The steps of a calibration: ask the operator, shoot what is in place, have it judged, ask again where it does not serve.
+
+use super::{Acquisition, Ended};
+use crate::session::calibration::plan::{CalibrationPlan, PlannedStep};
+use crate::session::processing::Judged;
+use crate::session::state::{Event, SessionState};
+use crate::session::worker::{self, Job};
+use serde_json::json;
+use std::sync::mpsc::sync_channel;
+use std::time::{Duration, Instant};
+
+/// A wait for the operator is renewed this often.
+const LONG: Duration = Duration::from_secs(3600);
+
+impl Acquisition<'_> {
+    /// Takes every step until it is accepted.
+    pub(super) fn guided(&mut self, plan: &CalibrationPlan) -> Result<(), Ended> {
+        for (index, step) in plan.steps.iter().enumerate() {
+            loop {
+                self.ask_operator(index, step)?;
+                for station in plan.stations_of(index) {
+                    self.whole_station(station)?;
+                }
+                if self.serves(index, step)? {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Says what is to be put in place and waits until someone says that it is.
+    fn ask_operator(&mut self, index: usize, step: &PlannedStep) -> Result<(), Ended> {
+        let instruction = self.rig.calibration.as_ref().map(|calibration| step.step.instruction(calibration));
+        let fields = json!({"index": index, "step": step.step, "instruction": instruction});
+        self.record("step.asked", fields)?;
+        self.safe_point()?;
+        // Refused only when a user ended the run meanwhile: the next safe point sees it.
+        let _ = self.book.happen(self.id, Event::OperatorNeeded, None);
+        let since = Instant::now();
+        while self.state() == SessionState::Awaiting && !self.book.lock().shutdown {
+            self.wait(LONG, |state| state != SessionState::Awaiting);
+        }
+        self.held += since.elapsed();
+        self.safe_point().map(|_| ())
+    }
+
+    /// Has the frames of a step judged and journals what became of it; true when they serve.
+    fn serves(&mut self, index: usize, step: &PlannedStep) -> Result<bool, Ended> {
+        loop {
+            let (done, answer) = sync_channel(1);
+            self.hand_over(|session| Job::Judge { session, step: index, done })?;
+            match worker::answer(self.book, self.id, &answer)? {
+                Ok(Judged::Accepted(found)) => {
+                    self.record("step.accepted", json!({"index": index, "step": step.step, "found": found}))?;
+                    return Ok(true);
+                }
+                Ok(Judged::Refused(reason)) => {
+                    self.record("step.refused", json!({"index": index, "step": step.step, "reason": reason}))?;
+                    return Ok(false);
+                }
+                Err(fault) => self.outlast(fault)?,
+            }
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Calibrations over REST and on the terminal: the real binary on the simulated rig to calibrate.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod daemon;
+
+use daemon::Daemon;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+const JSON: (&str, &str) = ("content-type", "application/json");
+/// Longest wait for anything here: a failure, not a measure.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn serve() -> Daemon {
+    let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data");
+    Daemon::start_with(folder, &text.replace("speed = 40.0", "speed = 4000.0"), &data)
+}
+
+fn begin(daemon: &Daemon) -> String {
+    let started = daemon.call("POST", "/v1/calibrations", &[JSON], r#"{"name": "first"}"#);
+    assert_eq!(started.status, 202, "{}", started.text);
+    started.header("location").unwrap().to_owned()
+}
+
+fn wait(daemon: &Daemon, location: &str, there: impl Fn(&Value) -> bool) -> Value {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        let snapshot = daemon.get(location).json();
+        if there(&snapshot) {
+            return snapshot;
+        }
+        assert!(Instant::now() < end, "waited in vain: {snapshot}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_calibration_is_started_shot_refused_and_aborted_over_rest() {
+    let daemon = serve();
+    let location = begin(&daemon);
+    let id = location.strip_prefix("/v1/calibrations/").unwrap().to_owned();
+    let waiting = wait(&daemon, &location, |run| run["state"] == "awaiting");
+    assert_eq!((&waiting["version"], &waiting["name"], &waiting["steps"]), (&json!(1), &json!("first"), &json!(14)));
+    assert_eq!(waiting["step"], json!({"kind": "board", "view": 1, "of": 12}));
+    assert!(waiting["instruction"].as_str().unwrap().contains("9x6 inner corners"), "{waiting}");
+
+    let busy = daemon.call("POST", "/v1/sessions", &[JSON], "{}");
+    assert_eq!((busy.status, &busy.json()["running"]), (409, &json!(id)), "{}", busy.text);
+    assert_eq!(daemon.call("POST", "/v1/calibrations", &[JSON], "{}").status, 409);
+    let nothing = daemon.get(&format!("{location}/result"));
+    assert_eq!((nothing.status, &nothing.json()["current_state"]), (409, &json!("awaiting")));
+
+    assert_eq!(daemon.call("POST", &format!("{location}/shoot"), &[], "").status, 202);
+    let judged = wait(&daemon, &location, |run| run["verdicts"].as_array().unwrap().len() == 1);
+    assert_eq!(judged["verdicts"][0]["step"]["kind"], "board");
+    assert_eq!(judged["frames_committed"], 1);
+    wait(&daemon, &location, |run| run["state"] == "awaiting");
+    assert_eq!(daemon.call("POST", &format!("{location}/abort"), &[], "").status, 202);
+    let (status, ids) = daemon.events(&format!("{location}/events"), &[], usize::MAX);
+    assert_eq!(status, 200);
+    let end = daemon.get(&location).json();
+    assert_eq!((&end["state"], end["last_seq"].as_u64()), (&json!("aborted"), ids.last().copied()), "{end}");
+    assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+    let last = ids.last().unwrap().to_string();
+    assert_eq!(daemon.events(&format!("{location}/events"), &[("last-event-id", &last)], 1).0, 204);
+    let refused = daemon.call("POST", &format!("{location}/shoot"), &[], "");
+    assert_eq!((refused.status, &refused.json()["allowed"]), (409, &json!([])), "{}", refused.text);
+
+    let list = daemon.get("/v1/calibrations").json();
+    assert_eq!(list["calibrations"][0]["id"], json!(id));
+    assert_eq!(daemon.get("/v1/sessions").json()["sessions"], json!([]));
+    assert_eq!(daemon.get(&format!("/v1/sessions/{id}")).status, 404);
+    let unknown = daemon.get("/v1/calibrations/01a208e9-cbda-76fb-b465-63318274b666");
+    assert_eq!(unknown.status, 404);
+    assert!(unknown.json()["detail"].as_str().unwrap().contains("no calibration"), "{}", unknown.text);
+    assert_eq!(daemon.get("/v1/calibrations/..%2F..").status, 404);
+}
+
+#[test]
+fn a_session_names_a_calibration_that_is_there_or_is_refused() {
+    let daemon = serve();
+    let plan = |body: Value| daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], &body.to_string());
+    let none = plan(json!({})).json();
+    assert_eq!((&none["calibration"], &none["warnings"]), (&Value::Null, &json!([])), "{none}");
+    assert_eq!(plan(json!({"calibration": "none"})).status, 200);
+    let id = begin(&daemon).strip_prefix("/v1/calibrations/").unwrap().to_owned();
+    for (name, reason) in
+        [("latest", "there is none yet"), ("mine", "no calibration mine"), (id.as_str(), "name one that is completed")]
+    {
+        let refused = plan(json!({"calibration": name}));
+        assert_eq!(refused.status, 422, "{name}: {}", refused.text);
+        assert!(refused.json()["reasons"][0].as_str().unwrap().contains(reason), "{name}: {}", refused.text);
+    }
+    let other = Daemon::start();
+    let refused = other.call("POST", "/v1/calibrations", &[JSON], "{}");
+    assert_eq!(refused.status, 422);
+    assert!(refused.json()["reasons"][0].as_str().unwrap().contains("no [calibration]"), "{}", refused.text);
+}
+
+#[test]
+fn the_terminal_says_what_to_do_and_takes_up_a_run_that_waits() {
+    let daemon = serve();
+    let run = |input: &str| {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_rigd"))
+            .args(["calibrate", "run", "--url", &daemon.url()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+        let output = child.wait_with_output().unwrap();
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (output.status.code(), text(&output.stdout), text(&output.stderr))
+    };
+    let (status, out, err) = run("\n");
+    assert_eq!(status, Some(1), "{out}{err}");
+    assert!(out.contains("View 1 of 12: put the chessboard") && out.contains("board, view 1 of 12:"), "{out}");
+    assert!(err.contains("still waits; run this again"), "{err}");
+    let (status, out, err) = run("q\n");
+    assert_eq!(status, Some(1), "{out}{err}");
+    assert!(out.contains("is awaiting: taken up") && err.contains("is aborted"), "{out}{err}");
+    let list = Command::new(env!("CARGO_BIN_EXE_rigd")).args(["calibrate", "list", "--url", &daemon.url()]).output();
+    let list = String::from_utf8(list.unwrap().stdout).unwrap();
+    assert!(list.starts_with("1  ") && list.contains("aborted"), "{list}");
+}
