@@ -33,13 +33,13 @@ fn text() -> String {
 fn measured(circle: bool, bulb: bool) -> CalibrationFile {
     let light = |angle: f64, x: f64, intensity: Value| {
         json!({
-            "angle_deg": angle, "position_mm": [x, 2.0, 3.0], "covariance_mm2": [[0.0; 3]; 3], "circle_residual_mm": null,
+            "angle_deg": angle, "position_mm": [x, 2.0, 3.0], "covariance_mm2": ([[0.0; 3]; 3]), "circle_residual_mm": null,
             "balls_used": 3, "intensity": intensity, "intensity_sigma": null, "warnings": []
         })
     };
     let circle = circle.then(|| {
         json!({
-            "center_mm": [0.0, 0.0, 900.0], "center_sigma_mm": [0.1; 3], "axis": [0.0, 1.0, 0.0], "axis_sigma_deg": 0.1,
+            "center_mm": [0.0, 0.0, 900.0], "center_sigma_mm": ([0.1; 3]), "axis": [0.0, 1.0, 0.0], "axis_sigma_deg": 0.1,
             "zero": [0.0, 0.0, -1.0], "radius_mm": 500.0, "radius_sigma_mm": 0.1
         })
     });
@@ -49,8 +49,8 @@ fn measured(circle: bool, bulb: bool) -> CalibrationFile {
         "arm": null, "camera_model": null, "frames": [], "warnings": [],
         "camera": {
             "width": 32, "height": 24, "focal_px": [210.0, 211.0], "principal_px": [15.0, 13.0], "distortion": [0.1, 0.0, 0.0, 0.0, 0.0],
-            "sigma": {"focal_px": [0.1, 0.1], "principal_px": [0.1, 0.1], "distortion": [0.0; 5]}, "held": [], "decisions": [],
-            "covariance": [[0.0; 9]; 9], "rms_px": 0.1, "board": {"columns": 9, "rows": 6, "square_mm": 15.0}, "views": [], "warnings": []
+            "sigma": {"focal_px": [0.1, 0.1], "principal_px": [0.1, 0.1], "distortion": ([0.0; 5])}, "held": [], "decisions": [],
+            "covariance": ([[0.0; 9]; 9]), "rms_px": 0.1, "board": {"columns": 9, "rows": 6, "square_mm": 15.0}, "views": [], "warnings": []
         },
         "response": {
             "method": "debevec", "log_exposure": [curve, curve, curve], "active_constraints": [0, 0, 0], "pixels": 1, "exposures": [],

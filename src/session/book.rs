@@ -1,5 +1,5 @@
-//! The one record of all runs, sessions and calibrations: journal first, then memory, then everyone who waits is told. Engine, worker and handle share it;
-//! the state in it is also how a user's verb reaches the engine.
+//! The one record of all runs, sessions and calibrations: journal first, then memory, then everyone who waits is told. Engine,
+//! worker and handle share it; the state in it is also how a user's verb reaches the engine.
 
 mod found;
 

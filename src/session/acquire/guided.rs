@@ -1,5 +1,6 @@
 //! The steps of a calibration: ask the operator, shoot what is in place, have it judged, ask again where it does not serve.
 
+use super::hold::LONG;
 use super::{Acquisition, Ended};
 use crate::session::calibration::plan::{CalibrationPlan, PlannedStep};
 use crate::session::processing::Judged;
@@ -7,10 +8,7 @@ use crate::session::state::{Event, SessionState};
 use crate::session::worker::{self, Job};
 use serde_json::json;
 use std::sync::mpsc::sync_channel;
-use std::time::{Duration, Instant};
-
-/// A wait for the operator is renewed this often.
-const LONG: Duration = Duration::from_secs(3600);
+use std::time::Instant;
 
 impl Acquisition<'_> {
     /// Takes every step until it is accepted.

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Recoveries of the arm a session may need, with the wait before each, seconds.
 const RECOVERY_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
 /// A wait without an end of its own is renewed this often.
-const LONG: Duration = Duration::from_secs(3600);
+pub(super) const LONG: Duration = Duration::from_secs(3600);
 
 impl Acquisition<'_> {
     /// Waits for room on the disk; the frame in hand is shot again afterwards.
