@@ -88,7 +88,8 @@ pub fn look_ups(
         return 0;
     }
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx512vbmi") && is_x86_feature_detected!("avx512bw") && Level::best() == Level::Avx512 {
+    if is_x86_feature_detected!("avx512vbmi") && is_x86_feature_detected!("avx512bw") && Level::best() == Level::Avx512
+    {
         // SAFETY: the processor was asked for all that is needed; lengths and tables fit, as was just checked.
         return unsafe { vbmi::look_ups(frames, levels, channels, into, pixels) };
     }
