@@ -152,6 +152,16 @@ fn ratios_are_right_to_two_parts_in_a_thousand_and_curves_to_one_percent() {
     }
 }
 
+/// A count of the 12-bit camera spans half a level near level 30: what that does to mean levels must not come into the curve.
+#[test]
+fn no_curve_is_bent_by_the_counts_of_the_camera() {
+    for (seed, tone) in [0, 5].into_iter().flat_map(|seed| TONES.map(|tone| (seed, tone))) {
+        let bracket = Shoot { size: (480, 320), ..Shoot::new(seed) }.shot().bracket(tone);
+        let error = curve_error(&recover(&bracket).unwrap().response, tone, |c| tone.lowest_used(c), 245);
+        assert!(error < 0.01, "{tone:?}, seed {seed}: {error}");
+    }
+}
+
 /// What images tell without the response: everything but one exponent.
 #[test]
 fn an_unsteady_shutter_leaves_nothing_but_the_exponent_unknown() {

@@ -1,6 +1,7 @@
 //! OpenEXR in and out: the only module that knows the `exr` crate. Files are uncompressed 32-bit float: noise fills the
 //! mantissas, and compression costs far more time than it saves space.
 
+mod behind;
 mod rows;
 
 pub use rows::{Place, write_radiance, write_strips};

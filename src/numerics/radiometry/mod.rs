@@ -5,6 +5,7 @@ pub mod bracket;
 mod contradictions;
 mod curve_system;
 pub mod dark;
+mod dark_levels;
 pub mod drift;
 mod error;
 mod exposure_ratios;

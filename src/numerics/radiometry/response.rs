@@ -2,6 +2,7 @@
 
 use super::bracket::{Bracket, BracketError, MANY};
 use super::curve_system::CurveSystem;
+use super::dark_levels::smooth;
 use super::exposure_ratios::Information;
 use super::groups::Group;
 use super::level_samples::LevelSamples;
@@ -67,6 +68,7 @@ pub fn recover(bracket: &Bracket) -> Result<Recovered, BracketError> {
     }
     let active_constraints =
         response.log_exposure.each_ref().map(|curve| curve.windows(2).filter(|step| step[0] == step[1]).count());
+    let response = Response { log_exposure: response.log_exposure.map(|curve| smooth(&curve)) };
     Ok(Recovered { response, active_constraints, pixels: samples.points() })
 }
 

@@ -2,6 +2,7 @@
 
 use super::bracket::{Bracket, BracketError, MANY};
 use super::curve_system::CurveSystem;
+use super::dark_levels::smoothed_sigma;
 use super::exposure_ratios::Information;
 use super::gauge::{gauge, scatter};
 use super::groups::Channel;
@@ -77,7 +78,7 @@ impl MeasuredTimes {
             let groups = samples.groups(response, &seconds(log_times), RATIO_LEVELS);
             for (channel, groups) in groups.iter().enumerate() {
                 let log_exposure = |level: f64| response.log_exposure_at(channel, level);
-                information.add_known(groups, &log_exposure, &level_sigma(&response.log_exposure[channel]));
+                information.add_known(groups, &log_exposure, &smoothed_sigma(&response.log_exposure[channel]));
             }
             Ok(())
         });

@@ -1,9 +1,11 @@
 //! Vectors of f32 for the fit's inner loops, with the instruction set chosen at run time: AVX-512, AVX2 with FMA, or one
-//! lane at a time. This is the one module with `unsafe`.
+//! lane at a time; and look-ups of bytes for the merge. This is the one module with `unsafe`.
 //!
 //! Every instruction used is correctly rounded (fused multiply-add included) and lanes never mix, so that all three give the
 //! same bits: the one-lane version is the twin the others are tested against.
 #![allow(unsafe_code)]
+
+pub mod look_ups;
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -92,7 +94,7 @@ pub trait Work {
 }
 
 /// Instruction sets, narrowest first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Level {
     /// One lane at a time, any processor.
     Scalar,
@@ -129,8 +131,7 @@ impl Level {
     pub fn run<W: Work>(self, work: W) -> W::Output {
         #[cfg(target_arch = "x86_64")]
         {
-            let level = if (self as usize) > (Self::best() as usize) { Self::best() } else { self };
-            match level {
+            match self.min(Self::best()) {
                 // SAFETY: a level above `Scalar` is at most `best()`, which the processor was asked for.
                 Self::Avx512 => return unsafe { x86::avx512(work) },
                 // SAFETY: as above; every processor with AVX-512 has AVX2 and FMA.

@@ -1,6 +1,7 @@
 //! Radiance written strip by strip: a full frame of radiance, variance and validity is 28 bytes a pixel, and need never be in
 //! memory at once.
 
+use super::behind::Behind;
 use super::{ATTRIBUTE, COLOURS, ExrError, VALID, VARIANCES, error, signed, text};
 use crate::numerics::image::{Image, RadianceImage};
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
@@ -14,7 +15,6 @@ use exr::prelude::Vec2;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 
 /// Where a crop lies in its frame.
@@ -71,8 +71,8 @@ fn write(
 ) -> Result<(), ExrError> {
     let headers = [header(path, place, with_variance, attributes)?].into_iter().collect();
     let top = signed(path, place.origin.1)?;
-    let file = File::create(path).map_err(|e| error(path, e.to_string()))?;
-    let written = write_chunks_with(BufWriter::new(file), headers, true, |_, writer| {
+    let mut file = File::create(path).and_then(Behind::new).map_err(|e| error(path, e.to_string()))?;
+    let written = write_chunks_with(&mut file, headers, true, |_, writer| {
         let (mut next, mut y_coordinate) = (0, top);
         rows(&mut |strip| {
             let left = strip.radiance.height.min(place.size.1 - next);
@@ -87,6 +87,8 @@ fn write(
             Ok(())
         })
     });
+    // What the system said of the file comes before what the format's writer made of it.
+    file.finish().map_err(|e| error(path, e.to_string()))?;
     written.map_err(|e| error(path, e.to_string()))
 }
 
@@ -115,16 +117,16 @@ fn line(strip: &RadianceImage, row: usize) -> Vec<u8> {
     fn pixels<T>(image: &Image<T>, row: usize) -> &[T] {
         &image.pixels[row * image.width..][..image.width]
     }
-    let mut bytes = Vec::with_capacity(7 * 4 * strip.radiance.width);
-    let colours = |bytes: &mut Vec<u8>, image: &Image<[f32; 3]>| {
+    let mut values: Vec<[u8; 4]> = Vec::with_capacity(7 * strip.radiance.width);
+    let colours = |values: &mut Vec<[u8; 4]>, image: &Image<[f32; 3]>| {
         for c in [2, 1, 0] {
-            bytes.extend(pixels(image, row).iter().flat_map(|pixel| pixel[c].to_le_bytes()));
+            values.extend(pixels(image, row).iter().map(|pixel| pixel[c].to_le_bytes()));
         }
     };
-    colours(&mut bytes, &strip.radiance);
-    bytes.extend(pixels(&strip.valid, row).iter().flat_map(|&valid| f32::from(u8::from(valid)).to_le_bytes()));
+    colours(&mut values, &strip.radiance);
+    values.extend(pixels(&strip.valid, row).iter().map(|&valid| f32::from(u8::from(valid)).to_le_bytes()));
     if let Some(variance) = &strip.variance {
-        colours(&mut bytes, variance);
+        colours(&mut values, variance);
     }
-    bytes
+    values.into_flattened()
 }

@@ -2,11 +2,13 @@
 //!
 //! A block is read once, as bytes side by side, to find how many frames of each sample are open and the levels of the longest
 //! of them; then each sample is one look-up of a row and one of the exposure of every further level. Plain loops: the
-//! compiler makes vectors of them for each instruction set, and multiplications and additions are never fused.
+//! compiler makes vectors of them for each instruction set, and multiplications and additions are never fused. They are the twin
+//! of [`look_ups`], which does most of the pixels where it can.
 
 use super::super::bracket::Bracket;
 use super::weights::{ChannelTable, Tables};
-use super::{CLIPPED_LEVEL, Method, Out, usable};
+use super::{CLIPPED_LEVEL, LOWEST_LEVEL, Method, Out, usable};
+use crate::numerics::simd::look_ups::{self, look_ups};
 use crate::numerics::simd::{Level, Vector, Work};
 
 /// Pixels of a block.
@@ -26,8 +28,23 @@ struct Block<const FRAMES: usize> {
 
 impl<const FRAMES: usize> Method for Tables<FRAMES> {
     fn merge(&self, level: Level, bracket: &Bracket, from: usize, into: &mut Out<'_>) {
-        level.run(Blocks { tables: self, bracket, from, into });
+        let done = self.look_ups.as_ref().map_or(0, |channels| fast(level, channels, bracket, from, into));
+        let mut rest = Out {
+            radiance: &mut into.radiance[done..],
+            variance: &mut into.variance[done..],
+            valid: &mut into.valid[done..],
+        };
+        level.run(Blocks { tables: self, bracket, from: from + done, into: &mut rest });
     }
+}
+
+/// Merges the first pixels by [`look_ups`]; how many.
+fn fast(level: Level, channels: &[look_ups::Channel; 3], bracket: &Bracket, from: usize, into: &mut Out<'_>) -> usize {
+    let frames = bracket.exposures().iter().map(|frame| &frame.levels.pixels[from..][..into.radiance.len()]);
+    let frames: Vec<&[u8]> = frames.map(|pixels| pixels.as_flattened()).collect();
+    let levels = look_ups::Levels { limit: CLIPPED_LEVEL, lowest: LOWEST_LEVEL };
+    let mut into = look_ups::Into { sums: into.radiance, variances: into.variance, usable: into.valid };
+    look_ups(level, &frames, levels, channels, &mut into)
 }
 
 struct Blocks<'a, 'b, const FRAMES: usize> {
@@ -109,14 +126,14 @@ fn select<const FRAMES: usize>(frames: &[&[u8]], block: &mut Block<FRAMES>) {
 
 /// Radiance, variance and validity of the pixels of a block.
 #[inline(always)]
-fn look_up<const FRAMES: usize>(block: &Block<FRAMES>, Tables(tables): &Tables<FRAMES>, into: &mut Out<'_>) {
+fn look_up<const FRAMES: usize>(block: &Block<FRAMES>, tables: &Tables<FRAMES>, into: &mut Out<'_>) {
     let open = block.open.as_chunks::<3>().0;
     let levels: [&[[u8; 3]]; FRAMES] = std::array::from_fn(|k| block.levels[k].as_chunks::<3>().0);
     for (i, ((radiance, variance), open)) in
         into.radiance.iter_mut().zip(into.variance.iter_mut()).zip(open).enumerate()
     {
         for c in 0..3 {
-            let ChannelTable { rows, exposure } = &tables[c];
+            let ChannelTable { rows, exposure } = &tables.channels[c];
             let row = &rows[usize::from(open[c])][usize::from(levels[0][i][c])];
             let mut sum = row.terms[0];
             for k in 1..FRAMES {

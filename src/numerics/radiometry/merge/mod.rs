@@ -92,8 +92,7 @@ impl<'a> Merger<'a> {
         let method: Box<dyn Method> = match estimator {
             // The loop is compiled for these numbers of frames.
             Estimator::InverseVariance => match frames_needed(bracket, response, noise) {
-                0..=4 => Box::new(Tables::<4>::new(bracket, response, noise)),
-                5 => Box::new(Tables::<5>::new(bracket, response, noise)),
+                0..=5 => Box::new(Tables::<5>::new(bracket, response, noise)),
                 6..=8 => Box::new(Tables::<8>::new(bracket, response, noise)),
                 _ => Box::new(Tables::<16>::new(bracket, response, noise)),
             },

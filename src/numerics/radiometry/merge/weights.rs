@@ -10,6 +10,7 @@ use super::super::bracket::Bracket;
 use super::super::noise::SensorNoise;
 use super::super::response::{LEVELS, Response, level_of, slope};
 use super::{CLIPPED_LEVEL, LOWEST_LEVEL, usable};
+use crate::numerics::simd::look_ups;
 
 /// Share of the precision that the frames left out may hold: 8 % of it is 4 % of the standard error, and hardly any pixel
 /// loses that much.
@@ -25,7 +26,7 @@ const DARKEST_LEVEL: f64 = 4.0;
 #[derive(Clone, Copy)]
 pub(super) struct Row<const FRAMES: usize> {
     /// First the exposure of that frame times its weight, then the weights of the next shorter frames; weights are per second
-    /// and contain the division by their sum.
+    /// and contain the division by their sum. All but the first have 16 bits, as [`look_ups`] wants them.
     pub terms: [f32; FRAMES],
     /// Variance of the radiance; its square where the sample is not usable.
     pub variance: f32,
@@ -47,18 +48,34 @@ pub(super) struct ChannelTable<const FRAMES: usize> {
 }
 
 /// The tables of all channels.
-pub(super) struct Tables<const FRAMES: usize>(pub [ChannelTable<FRAMES>; 3]);
+pub(super) struct Tables<const FRAMES: usize> {
+    pub channels: [ChannelTable<FRAMES>; 3],
+    /// The same for [`look_ups`], if it can sum so many frames.
+    pub look_ups: Option<[look_ups::Channel; 3]>,
+}
 
 impl<const FRAMES: usize> Tables<FRAMES> {
     pub fn new(bracket: &Bracket, response: &Response, noise: &SensorNoise) -> Self {
-        Self(std::array::from_fn(|c| {
+        let channels = std::array::from_fn(|c| {
             let precision = Precision::new(bracket, response, noise, c);
             let rows = |open| std::array::from_fn(|level| precision.row(open, level));
             ChannelTable {
                 rows: (0..=bracket.exposures().len()).map(rows).collect(),
                 exposure: std::array::from_fn(|level| precision.exposure(level) as f32),
             }
-        }))
+        });
+        let look_ups = (FRAMES == 1 + look_ups::WEIGHTS).then(|| channels.each_ref().map(ChannelTable::look_ups));
+        Self { channels, look_ups }
+    }
+}
+
+impl<const FRAMES: usize> ChannelTable<FRAMES> {
+    fn look_ups(&self) -> look_ups::Channel {
+        let row = |row: &Row<FRAMES>| {
+            let weights = std::array::from_fn(|k| row.terms[1 + k]);
+            look_ups::Row::new(row.terms[0], weights, row.variance)
+        };
+        look_ups::Channel::new(self.rows.iter().map(|rows| rows.each_ref().map(row)).collect(), &self.exposure)
     }
 }
 
@@ -152,10 +169,19 @@ impl<'a> Precision<'a> {
         let precisions: Vec<f64> = (0..used).map(|k| self.of(radiance, longest - k)).collect();
         let total: f64 = precisions.iter().sum();
         let mut terms = [0.0; FRAMES];
-        for (k, precision) in precisions.iter().enumerate() {
-            terms[k] = (precision / total / self.times[longest - k]) as f32;
+        // What rounding the weights takes or adds, the longest frame gives or takes: their sum stays 1.
+        let mut share = 1.0;
+        for (k, precision) in precisions.iter().enumerate().skip(1) {
+            let time = self.times[longest - k];
+            terms[k] = rounded(precision / total / time);
+            share -= f64::from(terms[k]) * time;
         }
-        terms[0] = (precisions[0] / total * radiance) as f32;
+        terms[0] = (share * radiance) as f32;
         Row { terms, variance: (1.0 / total) as f32 }
     }
+}
+
+/// The nearest number whose f32 has zeros in its lower half: within 0.2 %.
+fn rounded(weight: f64) -> f32 {
+    f32::from_bits((weight as f32).to_bits().wrapping_add(0x8000) & 0xffff_0000)
 }
