@@ -8,6 +8,7 @@ use crate::numerics::radiometry::noise::SensorNoise;
 use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
 use crate::store;
+use crate::store::files::{Unfinished, read_text};
 use rig_config::Rig;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -105,14 +106,11 @@ impl Processing for PipelineProcessing {
         ];
         let name = format!("{:02}.exr", bracket.station);
         let folder = bracket.directory.join("radiance");
-        let unfinished = folder.join(format!(".{name}"));
-        store::exr::write_radiance(&unfinished, &developed.image, origin, (camera.width, camera.height), &attributes)
-            .map_err(|e| {
-            // On a full disk half a file only takes room.
-            let _ = std::fs::remove_file(&unfinished);
-            e.to_string()
-        })?;
-        std::fs::rename(&unfinished, folder.join(&name)).map_err(|e| format!("cannot name {name}: {e}"))?;
+        let mut unfinished = Unfinished::within(&folder);
+        let size = (camera.width, camera.height);
+        store::exr::write_radiance(&unfinished.path(&name), &developed.image, origin, size, &attributes)
+            .map_err(|e| e.to_string())?;
+        unfinished.finish().map_err(|(path, e)| format!("cannot name {}: {e}", path.display()))?;
         if known.is_none() {
             self.known = Some((bracket.session.clone(), developed.known));
         }
@@ -180,6 +178,6 @@ fn clear(directory: &Path) -> Result<(), String> {
 
 /// Reads a JSON file; the reason names it.
 pub fn read_json(path: &Path) -> Result<Value, String> {
-    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    serde_json::from_slice(&bytes).map_err(|e| format!("{}: {e}", path.display()))
+    let text = read_text(path, "JSON file").map_err(|reason| format!("{}: {reason}", path.display()))?;
+    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }

@@ -2,6 +2,7 @@
 
 use crate::cli::error::{bad_input, print_line};
 use crate::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, calibrate_camera};
+use crate::store::files::read_bytes;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
@@ -61,13 +62,9 @@ fn photographs(folder: &Path) -> anyhow::Result<Vec<(String, Vec<u8>)>> {
         if !["jpg", "jpeg", "png", "bmp"].contains(&ending.as_str()) {
             continue;
         }
-        let size = std::fs::metadata(&path).map_err(|e| refuse(&path, e.to_string()))?.len();
-        if size > MAX_FILE {
-            let reason = format!("{size} bytes are no photograph: give files of at most {MAX_FILE} bytes");
-            return Err(refuse(&path, reason));
-        }
+        let bytes = read_bytes(&path, "photograph", MAX_FILE).map_err(|reason| refuse(&path, reason))?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        found.push((name, std::fs::read(&path).map_err(|e| refuse(&path, e.to_string()))?));
+        found.push((name, bytes));
     }
     found.sort();
     if found.is_empty() {

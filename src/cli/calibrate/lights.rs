@@ -10,6 +10,7 @@ use crate::pipeline::calibration::lights::{
 };
 use crate::pipeline::decode::decode;
 use crate::store::exr::read_radiance;
+use crate::store::files::read_bytes;
 use anyhow::Context;
 use folder::{CameraFile, LightsFile};
 use std::path::{Path, PathBuf};
@@ -97,7 +98,9 @@ fn ball_frame(path: &Path, size: (usize, usize)) -> Result<Spots, String> {
     if is_exr(path) {
         return read_radiance(path, size).map(|image| frames::from_radiance(&image)).map_err(|e| e.reason);
     }
-    decode(&bytes(path)?).map(|picture| frames::from_levels(&picture)).map_err(|e| e.to_string())
+    decode(&read_bytes(path, "camera's frame", MAX_FILE)?)
+        .map(|picture| frames::from_levels(&picture))
+        .map_err(|e| e.to_string())
 }
 
 fn card_frame(path: &Path, size: (usize, usize)) -> Result<RadianceImage, String> {
@@ -107,14 +110,6 @@ fn card_frame(path: &Path, size: (usize, usize)) -> Result<RadianceImage, String
         );
     }
     read_radiance(path, size).map_err(|e| e.reason)
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>, String> {
-    let size = std::fs::metadata(path).map_err(|e| format!("{e}: name a frame that is in the folder"))?.len();
-    if size > MAX_FILE {
-        return Err(format!("{size} bytes are no camera's frame: give files of at most {MAX_FILE} bytes"));
-    }
-    std::fs::read(path).map_err(|e| e.to_string())
 }
 
 /// What a person wants to know, a line each.
