@@ -257,7 +257,7 @@ fn maps_that_contradict_the_camera_are_refused_with_the_place() {
         write_map(&p, ["X", "Y", "Z"], SIDE, |x, y| change(single(seen(x, y).0)));
     };
     let middle = 16 * SIDE + 16;
-    assert!(refusal().contains("n.exr: there is no such map"), "{}", refusal());
+    assert!(refusal().contains("n.exr: there is no such OpenEXR file"), "{}", refusal());
 
     normals(&|_, n| n);
     positions(&|p| p);

@@ -2,6 +2,7 @@
 
 use super::merge::MergeInputError;
 use super::session::ClientError;
+use crate::store::files::escaped;
 use rig_config::ReadError;
 use std::error::Error;
 use std::fmt::Display;
@@ -24,9 +25,14 @@ pub fn exit_code(outcome: anyhow::Result<()>) -> ExitCode {
     let status = status(&error);
     if status != 0 {
         // Nothing can be done about a closed stderr.
-        let _ = writeln!(io::stderr(), "error: {error:#}");
+        let _ = writeln!(io::stderr(), "error: {}", printable(&format!("{error:#}")));
     }
     ExitCode::from(status)
+}
+
+/// Names of files and lines of broken ones come into messages: their control characters must not reach the terminal.
+fn printable(message: &str) -> String {
+    message.split('\n').map(escaped).collect::<Vec<String>>().join("\n")
 }
 
 /// Exit status of a command that ends with this error.

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 pub struct Args {
     /// Dataset directory; a finished session is one.
     pub dataset: PathBuf,
-    /// Where to write the result.
+    /// Where to write the result; a file of the dataset is never written over.
     #[arg(long, default_value = "rigd-result")]
     pub out: PathBuf,
     /// Number of materials, 1 to 4, or auto: left-out lights decide.
@@ -83,9 +83,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         threads: args.threads,
     };
     // Found out before the fit, not after it.
-    std::fs::create_dir_all(&args.out).map_err(|error| {
-        bad_input(format!("{}: no directory for the result: {error}; give another --out", args.out.display()))
-    })?;
+    let inputs = dataset::inputs(&args.dataset).map_err(bad_input)?;
+    result::make_ready(&args.out, &inputs).map_err(bad_input)?;
     let bar = progress_bar(args.json);
     let mut on_progress = |progress: FitProgress| {
         if progress.iteration > 0 {

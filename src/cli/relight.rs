@@ -4,7 +4,8 @@ use super::error::{bad_input, print_line};
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::relight::relight;
-use crate::store::{dataset, exr, result};
+use crate::store::{dataset, exr, files, result};
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Predict the radiance image of every light of a dataset: same camera and object.
@@ -15,7 +16,7 @@ pub struct Args {
     /// Dataset directory whose lights are used; its images need not exist.
     #[arg(long)]
     pub lights: PathBuf,
-    /// Where to write one EXR a light.
+    /// Where to write one EXR a light; a file of the result or of the dataset is never written over.
     #[arg(long)]
     pub out: PathBuf,
 }
@@ -39,19 +40,37 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let Some(lobe) = brdf::by_name(&stored.material.model) else {
         return Err(bad_input(format!("unknown BRDF model {}", stored.material.model)));
     };
-    std::fs::create_dir_all(&args.out).map_err(|e| bad_input(format!("{}: {e}", args.out.display())))?;
+    let names: Vec<String> = (0..geometry.lights.len()).map(|index| format!("{index:03}.exr")).collect();
+    let mut inputs = dataset::inputs(&args.lights).map_err(bad_input)?;
+    inputs.extend(result::inputs(&args.result));
+    files::make_ready(&args.out, names.iter().map(String::as_str), &inputs).map_err(at_path).map_err(bad_input)?;
     let materials = stored.material.materials();
-    for (index, light) in geometry.lights.iter().enumerate() {
+    for ((index, light), name) in geometry.lights.iter().enumerate().zip(&names) {
         let radiance = relight(lobe, &materials, &stored.weights, &geometry, &light.light);
+        if let Some(pixel) = radiance.pixels.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
+            return Err(bad_input(format!(
+                "light {index} ({}): the radiance at column {}, row {} is beyond 3.4e38: give the light less strength",
+                light.name,
+                pixel % geometry.width,
+                pixel / geometry.width
+            )));
+        }
         let lit = radiance.pixels.iter().map(|p| p.iter().any(|&v| v > 0.0)).collect();
         let image = RadianceImage {
             valid: Image { width: radiance.width, height: radiance.height, pixels: lit },
             radiance,
             variance: None,
         };
-        let path = args.out.join(format!("{index:03}.exr"));
         let about = [("predicted", format!("light {index} ({}) of the dataset", light.name))];
+        let mut unfinished = files::Unfinished::within(&args.out);
+        let path = unfinished.path(name);
         exr::write_radiance(&path, &image, (0, 0), (geometry.width, geometry.height), &about)?;
+        unfinished.finish().map_err(at_path).map_err(anyhow::Error::msg)?;
     }
     Ok(print_line(format!("{} images in {}", geometry.lights.len(), args.out.display()))?)
+}
+
+/// A path and what is wrong with it, as one line.
+fn at_path((path, reason): (PathBuf, impl Display)) -> String {
+    format!("{}: {reason}", files::shown(&path))
 }

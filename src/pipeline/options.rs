@@ -97,14 +97,9 @@ impl FitOptions {
     pub(super) fn resolve(&self, lights: usize, cosine_cutoff: f64) -> Result<Chosen, FitError> {
         let solver = solver::by_name(&self.solver).ok_or_else(|| one_of("solver", &self.solver, &solvers()))?;
         let lobe = if self.model == AUTO { solver.only_model() } else { Some(self.lobe_named()?) };
-        let colour = match (self.lobe.as_str(), lobe) {
-            (_, Some(lobe)) if !lobe.has_lobe() => Some(Colour::None),
-            (AUTO, _) => None,
-            (name, _) => {
-                let found = Colour::ALL.iter().find(|(known, _)| *known == name);
-                Some(found.ok_or_else(|| one_of("lobe", name, &lobes()))?.1)
-            }
-        };
+        // The name is looked up whatever the model: a slip of the pen is one also where there is no lobe.
+        let asked = self.colour_asked()?;
+        let colour = if lobe.is_some_and(|lobe| !lobe.has_lobe()) { Some(Colour::None) } else { asked };
         if let (Some(lobe), Some(asked)) = (lobe.filter(|lobe| !lobe.has_lobe()), self.lobe_asked()) {
             return Err(FitError::Input(format!(
                 "the model {} has no lobe to be {asked}: choose lobe none or auto",
@@ -137,6 +132,15 @@ impl FitOptions {
             solver,
             cutoff,
         })
+    }
+
+    /// The colour of the lobe that was asked for; none leaves it open.
+    fn colour_asked(&self) -> Result<Option<Colour>, FitError> {
+        if self.lobe == AUTO {
+            return Ok(None);
+        }
+        let found = Colour::ALL.iter().find(|(known, _)| *known == self.lobe);
+        found.map(|(_, colour)| Some(*colour)).ok_or_else(|| one_of("lobe", &self.lobe, &lobes()))
     }
 
     /// The colour of the lobe that was asked for, if it is one.

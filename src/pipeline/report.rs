@@ -1,7 +1,8 @@
 //! What a fit says of itself: `report.json` and `material.json`.
 
-use crate::numerics::fit::Mixture;
+use crate::numerics::brdf;
 use crate::numerics::fit::selection::Candidate;
+use crate::numerics::fit::{MAX_MATERIALS, Mixture};
 use serde::{Deserialize, Serialize};
 
 /// Seconds of wall time a stage took.
@@ -160,6 +161,27 @@ pub struct MaterialReport {
     pub beta: Option<Parameter>,
 }
 
+impl MaterialReport {
+    fn check(&self, has_lobe: bool) -> Result<(), String> {
+        check_albedo("rho_d", &self.rho_d)?;
+        match (&self.beta, has_lobe) {
+            (Some(beta), true) if beta.value.is_finite() && beta.value > 0.0 => check_albedo("rho_s", &self.rho_s),
+            (Some(beta), true) => Err(format!("beta is {}: it must be finite and positive", beta.value)),
+            (None, true) => Err("beta is missing: a model with a lobe needs it".to_owned()),
+            (None, false) if self.rho_s.is_empty() => Ok(()),
+            (_, false) => Err("rho_s must be empty and beta null: this model has no lobe".to_owned()),
+        }
+    }
+}
+
+fn check_albedo(name: &str, channels: &[Parameter]) -> Result<(), String> {
+    let values: Vec<f64> = channels.iter().map(|p| p.value).collect();
+    if values.len() == 3 && values.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return Ok(());
+    }
+    Err(format!("{name} is {values:?}: three finite values that are not negative are needed"))
+}
+
 /// Where a result comes from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
@@ -195,6 +217,28 @@ pub struct MaterialFile {
 pub const GAUGE: &str = "max gamma = 1 per material; materials ordered by share; standard errors are relative to the largest diffuse albedo";
 
 impl MaterialFile {
+    /// Refuses what does not say in full how the materials reflect: nothing missing is made up, nothing present passed over.
+    ///
+    /// # Errors
+    /// What is wrong, and where in the file.
+    pub fn check(&self) -> Result<(), String> {
+        let Some(lobe) = brdf::by_name(&self.model).filter(|_| self.format == 1) else {
+            return Err(format!(
+                "format {} with model {:?} cannot be read by this version: format 1 with one of {}",
+                self.format,
+                self.model,
+                brdf::names().join(", ")
+            ));
+        };
+        if !(1..=MAX_MATERIALS).contains(&self.materials.len()) {
+            return Err(format!("{} materials: 1 to {MAX_MATERIALS} are possible", self.materials.len()));
+        }
+        let mut materials = self.materials.iter().enumerate();
+        materials.try_for_each(|(m, material)| {
+            material.check(lobe.has_lobe()).map_err(|reason| format!("materials[{m}], model {}: {reason}", self.model))
+        })
+    }
+
     /// The BRDF parameters alone.
     pub fn materials(&self) -> Vec<crate::numerics::brdf::Material> {
         let triple = |list: &[Parameter]| std::array::from_fn(|c| list.get(c).map_or(0.0, |p| p.value));

@@ -14,6 +14,7 @@ use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
 use crate::store;
 use crate::store::dataset::SessionLight;
+use crate::store::files::{Unfinished, read_text};
 use crate::store::manifest::Manifest;
 use rig_config::Rig;
 use serde_json::{Value, json};
@@ -246,13 +247,10 @@ pub(super) fn write_radiance(
     attributes: &[(&str, String)],
 ) -> Result<(), String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let unfinished = path.with_file_name(format!(".{name}"));
-    store::exr::write_radiance(&unfinished, image, origin, (camera.width, camera.height), attributes).map_err(|e| {
-        // On a full disk half a file only takes room.
-        let _ = std::fs::remove_file(&unfinished);
-        e.to_string()
-    })?;
-    std::fs::rename(&unfinished, path).map_err(|e| format!("cannot name {name}: {e}"))
+    let mut unfinished = Unfinished::within(path.parent().unwrap_or(Path::new(".")));
+    let size = (camera.width, camera.height);
+    store::exr::write_radiance(&unfinished.path(&name), image, origin, size, attributes).map_err(|e| e.to_string())?;
+    unfinished.finish().map_err(|(path, e)| format!("cannot name {}: {e}", path.display()))
 }
 
 /// Removes a directory that may be there.
@@ -265,6 +263,6 @@ pub(super) fn clear(directory: &Path) -> Result<(), String> {
 
 /// Reads a JSON file; the reason names it.
 pub fn read_json(path: &Path) -> Result<Value, String> {
-    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    serde_json::from_slice(&bytes).map_err(|e| format!("{}: {e}", path.display()))
+    let text = read_text(path, "JSON file").map_err(|reason| format!("{}: {reason}", path.display()))?;
+    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }

@@ -2,17 +2,20 @@
 
 mod maps;
 mod object;
+mod paths;
 mod picture;
 mod raw;
 
+pub use paths::inputs;
+
 use super::exr;
+use super::files::{self, Unfinished, shown};
 use crate::numerics::geometry::{Light, Projection, Shape, Vec3};
 use crate::numerics::image::RadianceImage;
 use crate::pipeline::dataset::{Dataset, Geometry, NamedLight};
 use object::Object;
 use raw::{RawDataset, RawLight};
-use std::collections::HashMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 
 /// File that describes a dataset.
 pub const FILE: &str = "dataset.toml";
@@ -40,7 +43,7 @@ pub struct DatasetError {
 }
 
 fn error(path: &Path, reason: impl Into<String>) -> DatasetError {
-    DatasetError { path: path.display().to_string(), reasons: vec![reason.into()] }
+    DatasetError { path: shown(path), reasons: vec![reason.into()] }
 }
 
 /// Where images of a dataset stop being usable.
@@ -64,7 +67,7 @@ struct Description {
 pub fn read(directory: &Path) -> Result<Dataset, DatasetError> {
     let (geometry, samples) = read_description(directory)?;
     let mut images = Vec::new();
-    let mut reasons = used_twice(&geometry.lights);
+    let mut reasons = paths::used_twice(directory, &geometry.lights);
     for light in &geometry.lights {
         match read_image(&directory.join(&light.name), (geometry.width, geometry.height), samples.saturation) {
             Ok(image) => images.push(image),
@@ -74,7 +77,7 @@ pub fn read(directory: &Path) -> Result<Dataset, DatasetError> {
     if reasons.is_empty() {
         Ok(Dataset { geometry, images })
     } else {
-        Err(DatasetError { path: directory.join(FILE).display().to_string(), reasons })
+        Err(DatasetError { path: shown(&directory.join(FILE)), reasons })
     }
 }
 
@@ -84,13 +87,8 @@ pub fn read_geometry(directory: &Path) -> Result<Geometry, DatasetError> {
 }
 
 fn read_description(directory: &Path) -> Result<(Geometry, Samples), DatasetError> {
-    if !directory.is_dir() {
-        return Err(error(directory, "there is no such directory: give one that holds a dataset.toml"));
-    }
     let path = directory.join(FILE);
-    let described = read_text(&path)
-        .and_then(|text| parse(&text))
-        .map_err(|reasons| DatasetError { path: path.display().to_string(), reasons })?;
+    let described = describe(directory)?;
     if let Some([x, y]) = described.projection.lost_pixel(described.size.0, described.size.1) {
         let reason = format!(
             "camera.distortion has no inverse at pixel ({x:.0}, {y:.0}) of the frame: check the coefficients k1 k2 p1 p2 k3 and focal_px"
@@ -111,15 +109,14 @@ fn read_description(directory: &Path) -> Result<(Geometry, Samples), DatasetErro
     Ok((geometry, described.samples))
 }
 
-fn read_text(path: &Path) -> Result<String, Vec<String>> {
-    let bytes = std::fs::read(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::NotFound => vec![format!("{e}: give a directory that holds a dataset.toml")],
-        _ => vec![e.to_string()],
-    })?;
-    String::from_utf8(bytes).map_err(|e| {
-        let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
-        vec![format!("line {line} is not UTF-8: save the file as UTF-8 text")]
-    })
+/// What `directory/dataset.toml` says.
+fn describe(directory: &Path) -> Result<Description, DatasetError> {
+    if !directory.is_dir() {
+        return Err(error(directory, "there is no such directory: give one that holds a dataset.toml"));
+    }
+    let path = directory.join(FILE);
+    let text = files::read_text(&path, "dataset description (dataset.toml)").map_err(|reason| error(&path, reason))?;
+    parse(&text).map_err(|reasons| DatasetError { path: shown(&path), reasons })
 }
 
 fn read_object(directory: &Path, described: &Description) -> Result<Shape, String> {
@@ -132,25 +129,6 @@ fn read_object(directory: &Path, described: &Description) -> Result<Shape, Strin
             Ok(Shape::Map(map))
         }
     }
-}
-
-/// Lights that name the same file: one of them would be fitted to a picture taken under the other.
-fn used_twice(lights: &[NamedLight]) -> Vec<String> {
-    let file = |light: &NamedLight| -> PathBuf {
-        Path::new(&light.name).components().filter(|part| *part != Component::CurDir).collect()
-    };
-    let mut first: HashMap<PathBuf, usize> = HashMap::new();
-    let mut reasons = Vec::new();
-    for (index, light) in lights.iter().enumerate() {
-        let earlier = *first.entry(file(light)).or_insert(index);
-        if earlier != index {
-            reasons.push(format!(
-                "lights {earlier} and {index} use the same image {}: give each light the image taken under it",
-                light.name
-            ));
-        }
-    }
-    reasons
 }
 
 /// Text of a dataset.toml to what it describes, or every reason why not.
@@ -197,8 +175,10 @@ fn in_range(value: Option<f64>, default: f64, most: f64, key: &str, reasons: &mu
 }
 
 fn named(index: usize, raw: &RawLight, object: &Option<Object>, reasons: &mut Vec<String>) -> NamedLight {
-    let mut complain = |reason: String| reasons.push(format!("light {index} ({}): {reason}", raw.image));
-    let positive = |rgb: [f64; 3]| rgb.iter().all(|v| v.is_finite() && *v > 0.0);
+    let mut complain =
+        |reason: String| reasons.push(format!("light {index} ({}): {reason}", files::escaped(&raw.image)));
+    // Radiance is kept in single precision, and so must be what it is compared with.
+    let positive = |rgb: [f64; 3]| rgb.iter().all(|v| (f64::from(f32::MIN_POSITIVE)..=f64::from(f32::MAX)).contains(v));
     let light = match (raw.position_mm, raw.intensity, raw.direction, raw.irradiance) {
         (Some(position), Some(intensity), None, None) => {
             let position = Vec3::from(position);
@@ -208,7 +188,7 @@ fn named(index: usize, raw: &RawLight, object: &Option<Object>, reasons: &mut Ve
                 complain("position_mm lies inside the object: check the unit (mm) and the sign of z".to_owned());
             }
             if !positive(intensity) {
-                complain("intensity must be positive in every channel".to_owned());
+                complain(format!("intensity must be positive in every channel{WITHIN_SINGLE}"));
             }
             Light::Point { position, intensity }
         }
@@ -219,7 +199,7 @@ fn named(index: usize, raw: &RawLight, object: &Option<Object>, reasons: &mut Ve
                 complain("direction has no length: give the direction from the object towards the light".to_owned());
             }
             if !positive(irradiance) {
-                complain("irradiance must be positive in every channel".to_owned());
+                complain(format!("irradiance must be positive in every channel{WITHIN_SINGLE}"));
             }
             Light::Distant { direction: direction / length, irradiance }
         }
@@ -231,15 +211,15 @@ fn named(index: usize, raw: &RawLight, object: &Option<Object>, reasons: &mut Ve
     NamedLight { name: raw.image.clone(), light }
 }
 
+/// What a refusal of a light's strength adds.
+const WITHIN_SINGLE: &str = ", from 1.2e-38 to 3.4e38: change the unit";
+
 fn read_image(path: &Path, size: (usize, usize), saturation: f64) -> Result<RadianceImage, String> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if !path.is_file() {
-        return Err(format!("{}: there is no such image", path.display()));
-    }
     match extension.as_str() {
         "exr" => exr::read_radiance(path, size).map_err(|e| e.to_string()),
         "png" | "tif" | "tiff" => picture::read_integer(path, size, saturation),
-        _ => Err(format!("{}: images are .exr, .png or .tiff", path.display())),
+        _ => Err(format!("{}: images are .exr, .png or .tiff", shown(path))),
     }
 }
 
@@ -270,10 +250,9 @@ pub fn write_for_session(
     let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
     let text = format!("# {origin}\n{text}");
     // A file cut off by a full disk or a kill would spoil every later fit: it appears whole or not at all.
-    let unfinished = directory.join(format!(".{FILE}.tmp"));
-    std::fs::write(&unfinished, text)
-        .and_then(|()| std::fs::rename(&unfinished, &path))
-        .map_err(|e| error(&path, e.to_string()))
+    let mut unfinished = Unfinished::within(directory);
+    std::fs::write(unfinished.path(FILE), text).map_err(|e| error(&path, e.to_string()))?;
+    unfinished.finish().map_err(|(path, e)| error(&path, e.to_string()))
 }
 
 #[cfg(test)]

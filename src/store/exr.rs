@@ -6,6 +6,7 @@ mod rows;
 
 pub use rows::{Place, write_radiance, write_strips};
 
+use super::files::{check_regular, escaped, shown};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::contain::contained;
 use exr::meta::MetaData;
@@ -15,6 +16,7 @@ use exr::prelude::{
     LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage,
 };
 use std::collections::HashMap;
+use std::io::Read;
 use std::path::Path;
 
 /// Why an EXR file cannot be read or written.
@@ -28,7 +30,7 @@ pub struct ExrError {
 }
 
 fn error(path: &Path, reason: impl Into<String>) -> ExrError {
-    ExrError { path: path.display().to_string(), reason: reason.into() }
+    ExrError { path: shown(path), reason: reason.into() }
 }
 
 /// Name of the one text attribute that carries what the pixels are; a single one, so that equal images give equal bytes.
@@ -51,6 +53,11 @@ impl Planes {
     fn take(&mut self, name: &str) -> Option<Vec<f32>> {
         let index = self.channels.iter().position(|(known, _)| known == name)?;
         Some(self.channels.swap_remove(index).1)
+    }
+
+    fn names(&self) -> String {
+        let names: Vec<String> = self.channels.iter().map(|(name, _)| escaped(name)).collect();
+        names.join(", ")
     }
 }
 
@@ -80,16 +87,33 @@ fn signed(path: &Path, value: usize) -> Result<i32, ExrError> {
     i32::try_from(value).map_err(|_| error(path, "the image is too large"))
 }
 
+/// The first bytes of every OpenEXR file.
+const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
 /// Most values a file may hold over all its channels: what its header claims is checked before memory is taken.
 const MAX_VALUES: usize = 1 << 30;
 
 /// Reads the first layer of a file whose full frame must be `full` pixels.
 pub fn read_planes(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
-    contained(|| read_layer(path, full)).unwrap_or_else(|| Err(error(path, "the file is damaged: write it again")))
+    check_regular(path, "OpenEXR file").map_err(|reason| error(path, reason))?;
+    contained(|| read_layer(path, full)).unwrap_or_else(|| Err(unreadable(path, "the decoder gave up")))
+}
+
+/// Why the decoder could not read a file, as far as its first bytes tell, and what to do.
+fn unreadable(path: &Path, reason: impl ToString) -> ExrError {
+    let mut first = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut first));
+    let remedy = match read {
+        Err(_) => "make it readable",
+        Ok(0) => "the file is empty: write or copy it again",
+        Ok(_) if first == MAGIC => "the file is damaged or cut short: write or copy it again",
+        Ok(_) => "this is no OpenEXR file, whatever its name says: convert it to OpenEXR",
+    };
+    error(path, format!("{remedy} ({})", reason.to_string()))
 }
 
 fn read_layer(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
-    let meta = MetaData::read_from_file(path, false).map_err(|e| error(path, e.to_string()))?;
+    let meta = MetaData::read_from_file(path, false).map_err(|e| unreadable(path, e))?;
     // Any of the layers may turn out to be the first that can be read.
     for header in &meta.headers {
         let at = header.own_attributes.layer_position;
@@ -106,7 +130,7 @@ fn read_layer(path: &Path, full: (usize, usize)) -> Result<Planes, ExrError> {
         .first_valid_layer()
         .all_attributes()
         .from_file(path)
-        .map_err(|e| error(path, e.to_string()))?;
+        .map_err(|e| unreadable(path, e))?;
     let layer = image.layer_data;
     let origin = place(path, image.attributes.display_window, layer.attributes.layer_position, layer.size, full)?;
     let channels: Vec<(String, Vec<f32>)> = layer
@@ -151,15 +175,18 @@ const VARIANCES: [&str; 3] = ["variance.R", "variance.G", "variance.B"];
 const VALID: &str = "valid";
 
 /// Reads a radiance image as a full frame: R G B, or one channel Y for grey, with variance and validity where the file has
-/// them. Pixels outside the data window are invalid. NaN, infinite or negative radiance in a valid pixel is refused.
+/// them. Pixels outside the data window are invalid. NaN, infinite or negative radiance in a valid pixel is refused, and so
+/// are colours or variances of which a part is missing.
 pub fn read_radiance(path: &Path, full: (usize, usize)) -> Result<RadianceImage, ExrError> {
     let mut planes = read_planes(path, full)?;
-    let names: Vec<String> = planes.channels.iter().map(|(name, _)| name.clone()).collect();
+    check_whole(path, &planes)?;
+    let names = planes.names();
     let colours = triple(&mut planes, COLOURS).or_else(|| planes.take("Y").map(|y| [y.clone(), y.clone(), y]));
     let Some(colours) = colours else {
-        return Err(error(path, format!("it has the channels {}; R, G and B (or Y) are needed", names.join(", "))));
+        return Err(error(path, format!("it has the channels {names}; R, G and B (or Y) are needed")));
     };
     let variances = triple(&mut planes, VARIANCES);
+    check_room(path, full, variances.is_some())?;
     let valid = planes.take(VALID);
     let mut image = RadianceImage {
         radiance: Image::filled(full.0, full.1, [0.0; 3]),
@@ -192,12 +219,9 @@ pub fn read_radiance(path: &Path, full: (usize, usize)) -> Result<RadianceImage,
 /// hold zeros; whether the numbers are finite is for the caller to say.
 pub fn read_vectors(path: &Path, full: (usize, usize)) -> Result<Image<[f32; 3]>, ExrError> {
     let mut planes = read_planes(path, full)?;
-    let names: Vec<String> = planes.channels.iter().map(|(name, _)| name.clone()).collect();
+    let names = planes.names();
     let Some([x, y, z]) = triple(&mut planes, ["X", "Y", "Z"]).or_else(|| triple(&mut planes, COLOURS)) else {
-        return Err(error(
-            path,
-            format!("it has the channels {}; X, Y and Z (or R, G and B) are needed", names.join(", ")),
-        ));
+        return Err(error(path, format!("it has the channels {names}; X, Y and Z (or R, G and B) are needed")));
     };
     let mut image = Image::filled(full.0, full.1, [0.0; 3]);
     for from in 0..planes.size.0 * planes.size.1 {
@@ -206,6 +230,41 @@ pub fn read_vectors(path: &Path, full: (usize, usize)) -> Result<Image<[f32; 3]>
     }
     Ok(image)
 }
+
+/// Refuses colours and variances that are there in part: the rest would be passed over unnoticed.
+fn check_whole(path: &Path, planes: &Planes) -> Result<(), ExrError> {
+    let there = |name: &str| planes.channels.iter().any(|(known, _)| known == name);
+    let part = |names: [&str; 3]| names.into_iter().any(there) && !names.into_iter().all(there);
+    let other_variance =
+        |name: &str| name.split_once('.').is_some_and(|(kind, _)| kind == "variance") && !VARIANCES.contains(&name);
+    let (what, wanted) = if part(COLOURS) {
+        ("colour", COLOURS)
+    } else if part(VARIANCES) || planes.channels.iter().any(|(name, _)| other_variance(name)) {
+        ("variance", VARIANCES)
+    } else {
+        return Ok(());
+    };
+    let missing: Vec<&str> = wanted.into_iter().filter(|name| !there(name)).collect();
+    let missing = if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) };
+    let remedy = format!("give {} and no other {what}, or none of them", wanted.join(", "));
+    Err(error(path, format!("it has the channels {}{missing}: {remedy}", planes.names())))
+}
+
+/// Refuses a frame for which there is no memory. A small crop in a huge frame is a small file, and takes room only where it
+/// has data; but a limit of the process counts all of it.
+fn check_room(path: &Path, full: (usize, usize), with_variance: bool) -> Result<(), ExrError> {
+    let bytes_a_pixel = MAPS_BYTES + if with_variance { 25 } else { 13 };
+    let bytes = full.0.saturating_mul(full.1).saturating_mul(bytes_a_pixel);
+    // Asked for and given back at once: the frame itself is taken as zeroed memory, which cannot be asked for with an answer.
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(|_| {
+        let (width, height, megabytes) = (full.0, full.1, bytes >> 20);
+        let remedy = "lift the limit, or cut images and camera (width, height, principal_px) to the object";
+        error(path, format!("no memory for a frame of {width} x {height} pixels ({megabytes} MiB): {remedy}"))
+    })
+}
+
+/// Bytes a pixel that the maps of a result take while they are written.
+const MAPS_BYTES: usize = 24;
 
 fn triple(planes: &mut Planes, names: [&str; 3]) -> Option<[Vec<f32>; 3]> {
     Some([planes.take(names[0])?, planes.take(names[1])?, planes.take(names[2])?])

@@ -21,6 +21,7 @@
 //! hash; every file in `frames/` is journalled or is removed at the next start; a file is never overwritten.
 pub mod dataset;
 pub mod exr;
+pub mod files;
 pub mod frames;
 pub mod journal;
 pub mod manifest;

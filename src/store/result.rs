@@ -2,13 +2,15 @@
 //! beside them weights_sigma.exr with the standard error of every weight.
 
 use super::exr::{Planes, read_planes, write_planes};
+use super::files::{self, Unfinished, shown};
 use crate::numerics::brdf;
 use crate::numerics::fit::predict;
 use crate::numerics::image::Image;
 use crate::pipeline::fit::FitResult;
 use crate::pipeline::preview::preview;
 use crate::pipeline::report::MaterialFile;
-use std::path::Path;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
 
 /// The files of a result, all of them written by [`write()`].
 pub const FILES: [&str; 7] =
@@ -25,34 +27,44 @@ pub struct ResultError {
 }
 
 fn error(path: &Path, reason: impl ToString) -> ResultError {
-    ResultError { path: path.display().to_string(), reason: reason.to_string() }
+    ResultError { path: shown(path), reason: reason.to_string() }
 }
 
-/// Writes every file of a result into `directory` (made if missing).
+/// Makes `directory` ready for a result, before a fit is spent on it; none of its files may be one of the `inputs`.
+///
+/// # Errors
+/// The path at fault, what is wrong with it, and what to do.
+pub fn make_ready(directory: &Path, inputs: &[PathBuf]) -> Result<(), ResultError> {
+    files::make_ready(directory, FILES, inputs).map_err(|(path, reason)| error(&path, reason))
+}
+
+/// Writes every file of a result into `directory` (made if missing). All are written beside their names first: where that
+/// fails, an earlier result stays as it was. While the names change there is no report: where it is, the result is whole.
 pub fn write(directory: &Path, result: &FitResult) -> Result<(), ResultError> {
     std::fs::create_dir_all(directory).map_err(|e| error(directory, e))?;
-    write_json(&directory.join("material.json"), &result.material)?;
+    let mut unfinished = Unfinished::within(directory);
+    write_json(&unfinished.path("material.json"), &result.material)?;
     write_weights(
-        &directory.join("weights.exr"),
+        &unfinished.path("weights.exr"),
         result,
         &result.mixture.gamma,
         "material weight gamma, gauge: max = 1 per material",
     )?;
     write_weights(
-        &directory.join("weights_sigma.exr"),
+        &unfinished.path("weights_sigma.exr"),
         result,
         &result.uncertainty.gamma,
         "standard error of the material weight, BRDF parameters fixed",
     )?;
-    write_residual(&directory.join("residual.exr"), result)?;
+    write_residual(&unfinished.path("residual.exr"), result)?;
     let mut valid = Image::filled(result.size[0], result.size[1], [0_u8; 3]);
     for &pixel in &result.observations.pixel {
         valid.pixels[pixel] = [255; 3];
     }
-    write_png(&directory.join("valid.png"), &valid)?;
-    write_png(&directory.join("preview.png"), &preview(result))?;
-    // The report comes last: where it is, the result is whole.
-    write_json(&directory.join("report.json"), &result.report)
+    write_png(&unfinished.path("valid.png"), &valid)?;
+    write_png(&unfinished.path("preview.png"), &preview(result))?;
+    write_json(&unfinished.path("report.json"), &result.report)?;
+    unfinished.finish().map_err(|(path, e)| error(&path, e))
 }
 
 fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), ResultError> {
@@ -111,7 +123,11 @@ fn write_residual(path: &Path, result: &FitResult) -> Result<(), ResultError> {
 fn write_png(path: &Path, picture: &Image<[u8; 3]>) -> Result<(), ResultError> {
     let bytes: Vec<u8> = picture.pixels.iter().flatten().copied().collect();
     let (width, height) = (picture.width as u32, picture.height as u32);
-    image::save_buffer(path, &bytes, width, height, image::ExtendedColorType::Rgb8).map_err(|e| error(path, e))
+    let mut encoded = Cursor::new(Vec::new());
+    let (colour, format) = (image::ExtendedColorType::Rgb8, image::ImageFormat::Png);
+    image::write_buffer_with_format(&mut encoded, &bytes, width, height, colour, format).map_err(|e| error(path, e))?;
+    // In one piece: the encoder's own buffer does not tell of a full disk.
+    std::fs::write(path, encoded.into_inner()).map_err(|e| error(path, e))
 }
 
 /// A material read back: its description and one weight map a material.
@@ -122,33 +138,45 @@ pub struct StoredMaterial {
     pub weights: Vec<Image<f32>>,
 }
 
+/// The files that [`read_material`] opens.
+pub fn inputs(directory: &Path) -> [PathBuf; 2] {
+    ["material.json", "weights.exr"].map(|name| directory.join(name))
+}
+
 /// Reads material.json and weights.exr of a result directory.
+///
+/// # Errors
+/// A file is missing, or does not say all that predicting radiance needs: what, where, what to do.
 pub fn read_material(directory: &Path) -> Result<StoredMaterial, ResultError> {
-    let path = directory.join("material.json");
-    let text = std::fs::read_to_string(&path)
-        .map_err(|e| error(&path, format!("{e}; give a directory written by `rigd fit --out`")))?;
+    let [path, weights_path] = inputs(directory);
+    let text = files::read_text(&path, "material description")
+        .map_err(|reason| error(&path, format!("{reason}; give a directory written by `rigd fit --out`")))?;
     let material: MaterialFile = serde_json::from_str(&text).map_err(|e| error(&path, e))?;
-    if material.format != 1 || brdf::by_name(&material.model).is_none() {
-        return Err(error(
-            &path,
-            format!("format {} with model \"{}\" cannot be read by this version", material.format, material.model),
-        ));
-    }
-    let path = directory.join("weights.exr");
+    material.check().map_err(|reason| error(&path, format!("{reason}; fit again or mend the file")))?;
+    let weights = read_weights(&weights_path, &material)?;
+    Ok(StoredMaterial { material, weights })
+}
+
+fn read_weights(path: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>, ResultError> {
     let [width, height] = material.size;
-    let planes = read_planes(&path, (width, height)).map_err(|e| ResultError { path: e.path, reason: e.reason })?;
+    let planes = read_planes(path, (width, height)).map_err(|e| ResultError { path: e.path, reason: e.reason })?;
     if planes.size != planes.full {
-        return Err(error(&path, "the weight map does not fill its frame"));
+        return Err(error(path, "the weight map does not fill its frame"));
+    }
+    let (count, channels) = (material.materials.len(), planes.channels.len());
+    if count != channels {
+        let reason = format!("{channels} channels, but material.json has {count} materials: take both from one fit");
+        return Err(error(path, reason));
     }
     let mut weights = Vec::new();
-    for m in 0..material.materials.len() {
+    for m in 0..count {
         let name = channel_name(m);
         let found = planes.channels.iter().find(|(known, _)| *known == name);
-        let (_, pixels) = found.ok_or_else(|| error(&path, format!("the channel {name} is missing")))?;
+        let (_, pixels) = found.ok_or_else(|| error(path, format!("the channel {name} is missing")))?;
         if let Some(bad) = pixels.iter().find(|v| !v.is_finite() || **v < 0.0) {
-            return Err(error(&path, format!("the channel {name} holds {bad}; weights are finite and not negative")));
+            return Err(error(path, format!("the channel {name} holds {bad}; weights are finite and not negative")));
         }
         weights.push(Image { width, height, pixels: pixels.clone() });
     }
-    Ok(StoredMaterial { material, weights })
+    Ok(weights)
 }

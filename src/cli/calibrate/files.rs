@@ -1,5 +1,6 @@
 //! Picture files of a calibration's folder.
 
+use crate::store::files::read_bytes;
 use std::path::Path;
 
 /// A larger file is no camera's frame, bytes.
@@ -10,11 +11,7 @@ const MAX_FILE: u64 = 256 << 20;
 /// # Errors
 /// It cannot be read, or is too large to be a picture.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let size = std::fs::metadata(path).map_err(|e| format!("{e}: name a file that is there"))?.len();
-    if size > MAX_FILE {
-        return Err(format!("{size} bytes are no photograph: give files of at most {MAX_FILE} bytes"));
-    }
-    std::fs::read(path).map_err(|e| e.to_string())
+    read_bytes(path, "picture", MAX_FILE)
 }
 
 /// Name and bytes of every JPEG, PNG and BMP file of a folder, by name.

@@ -3,6 +3,7 @@
 use super::MergeInputError;
 use crate::numerics::radiometry::drift::Patch;
 use crate::pipeline::decode::FrameInfo;
+use crate::store::files::{read_bytes, read_text, shown};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -98,7 +99,7 @@ struct ListedFrame {
 /// Reads the files of a folder.
 pub(super) fn read(dir: &Path) -> Result<Folder, MergeInputError> {
     let list = dir.join(LIST);
-    if list.is_file() {
+    if list.symlink_metadata().is_ok() {
         return listed(dir, &list);
     }
     Ok(Folder { frames: exif_frames(dir)?, ..Folder::default() })
@@ -107,7 +108,7 @@ pub(super) fn read(dir: &Path) -> Result<Folder, MergeInputError> {
 /// Frames and times of exposures.toml; its paths are relative to the folder.
 fn listed(dir: &Path, list: &Path) -> Result<Folder, MergeInputError> {
     let refuse = |reason: String| MergeInputError(format!("{}: {reason}", list.display()));
-    let text = String::from_utf8(read_file(list)?).map_err(|_| refuse("it is not UTF-8 text".into()))?;
+    let text = read_text(list, "list of frames").map_err(refuse)?;
     let parsed: ExposureList = toml::from_str(&text)
         .map_err(|e| refuse(format!("{e}; write one [[frame]] with file = \"...\" and time_s = seconds per frame")))?;
     let files = |listed: Vec<ListedFrame>| {
@@ -168,10 +169,5 @@ fn ending(path: &Path) -> String {
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, MergeInputError> {
-    let refuse = |reason: String| MergeInputError(format!("{}: {reason}", path.display()));
-    let size = std::fs::metadata(path).map_err(|e| refuse(e.to_string()))?.len();
-    if size > MAX_FILE {
-        return Err(refuse(format!("{size} bytes are no camera's frame: give files of at most {MAX_FILE} bytes")));
-    }
-    std::fs::read(path).map_err(|e| refuse(e.to_string()))
+    read_bytes(path, "camera's frame", MAX_FILE).map_err(|reason| MergeInputError(format!("{}: {reason}", shown(path))))
 }

@@ -3,6 +3,7 @@
 use super::exr;
 use crate::numerics::geometry::{NormalMap, Projection, Vec3};
 use crate::numerics::image::Image;
+use crate::store::files::shown;
 use std::path::Path;
 
 /// How far from its own pixel's centre a point may project, pixels. Maps made by rendering or by fitting a shape are good
@@ -20,18 +21,14 @@ pub(super) fn read(
         normals: vectors(normals, size)?,
         positions: positions.map(|path| vectors(path, size)).transpose()?,
     };
-    check_normals(&map.normals, projection).map_err(|reason| format!("{}: {reason}", normals.display()))?;
+    check_normals(&map.normals, projection).map_err(|reason| format!("{}: {reason}", shown(normals)))?;
     if let (Some(path), Some(positions)) = (positions, &map.positions) {
-        check_positions(positions, &map.normals, projection)
-            .map_err(|reason| format!("{}: {reason}", path.display()))?;
+        check_positions(positions, &map.normals, projection).map_err(|reason| format!("{}: {reason}", shown(path)))?;
     }
     Ok(map)
 }
 
 fn vectors(path: &Path, size: (usize, usize)) -> Result<Image<[f32; 3]>, String> {
-    if !path.is_file() {
-        return Err(format!("{}: there is no such map: paths are relative to dataset.toml", path.display()));
-    }
     exr::read_vectors(path, size).map_err(|e| e.to_string())
 }
 

@@ -4,6 +4,7 @@ use crate::numerics::calibration::lights::card::Card;
 use crate::numerics::calibration::lights::plane::{Plane, pose};
 use crate::numerics::geometry::{Projection, Vec3};
 use crate::pipeline::calibration::lights::LightFrames;
+use crate::store::files::read_text;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -69,8 +70,8 @@ impl LightsFile {
     pub fn read(folder: &Path) -> Result<Self, String> {
         let path = folder.join(LIST);
         let refuse = |reason: String| format!("{}: {reason}", path.display());
-        let text = std::fs::read_to_string(&path).map_err(|e| {
-            refuse(format!("{e}: write one [[light]] with silhouette = \"...\" and highlight = \"...\" per light"))
+        let text = read_text(&path, "list of lights").map_err(|reason| {
+            refuse(format!("{reason}; write one [[light]] with silhouette = \"...\" and highlight = \"...\" per light"))
         })?;
         let list: Self = toml::from_str(&text).map_err(|e| refuse(e.to_string()))?;
         for (index, light) in list.light.iter().enumerate() {
@@ -165,8 +166,8 @@ impl CameraFile {
             let rig_config::Camera { width, height, focal_px, principal_px, distortion, .. } = camera;
             return Ok(Self { width, height, focal_px, principal_px, distortion });
         }
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| refuse(format!("{e}: give a camera calibration (.json) or a rig file (.toml)")))?;
+        let text = read_text(path, "camera calibration")
+            .map_err(|reason| refuse(format!("{reason}; give a camera calibration (.json) or a rig file (.toml)")))?;
         let camera: Self = serde_json::from_str(&text).map_err(|e| {
             refuse(format!("{e}: a camera calibration holds width, height, focal_px, principal_px and distortion"))
         })?;
