@@ -210,7 +210,8 @@ fn a_calibration_finds_the_hidden_truth_and_a_session_uses_it() {
         dataset["object"]["center_mm"].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect();
     let off = Vec3::from_row_slice(&center) - truth.object.center;
     println!("sample's centre {off:?} off");
-    assert!(off.norm() < 2.0, "{off:?}");
+    // No light reaches the ball's lower limb, so its outline comes out 0.3 px small: depth is worse than place.
+    assert!(off.x.hypot(off.y) < 0.2 && off.z.abs() < 0.004 * truth.object.center.z, "{off:?}");
 }
 
 fn vector(value: &Value) -> Vec3 {
