@@ -7,6 +7,7 @@ use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
+use crate::store::StoreError;
 use rig_config::Rig;
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
@@ -100,8 +101,7 @@ impl Worker {
         if broken_off(&self.book, session) {
             return;
         }
-        if let Err(reason) = self.develop(session, station) {
-            let fault = self.fault(session, &reason);
+        if let Err(fault) = self.develop(session, station) {
             self.book.look(session, |entry| entry.worker_fault = Some(fault));
         }
     }
@@ -110,7 +110,22 @@ impl Worker {
         Fault { reason: reason.to_owned(), lack: room::lack(&self.book, session, &self.rig) }
     }
 
-    fn develop(&mut self, session: &str, station: usize) -> Result<(), String> {
+    /// What a journal that took no line is: room was missing when it was tried, whatever is free by now.
+    fn unrecorded(error: StoreError) -> Fault {
+        let reason = error.to_string();
+        let lack = matches!(error, StoreError::NoSpace { .. }).then_some(Lack { error, bytes: 0 });
+        Fault { reason, lack }
+    }
+
+    fn develop(&mut self, session: &str, station: usize) -> Result<(), Fault> {
+        let start = Instant::now();
+        let exposures = self.radiance(session, station).map_err(|reason| self.fault(session, &reason))?;
+        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64(), "exposures": exposures});
+        self.book.record(session, "station.developed", fields).map_err(Self::unrecorded)
+    }
+
+    /// Develops a bracket; what it says of its exposures.
+    fn radiance(&mut self, session: &str, station: usize) -> Result<Value, String> {
         let bracket = self
             .book
             .look(session, |entry| {
@@ -120,12 +135,8 @@ impl Worker {
             })
             .flatten()
             .ok_or_else(|| format!("the bracket of station {station} is not complete"))?;
-        let start = Instant::now();
         let processing = &mut self.processing;
-        let exposures = guarded(|| processing.develop(&bracket))
-            .map_err(|e| format!("station {station} cannot be developed: {e}"))?;
-        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64(), "exposures": exposures});
-        self.book.record(session, "station.developed", fields).map_err(|e| e.to_string())
+        guarded(|| processing.develop(&bracket)).map_err(|e| format!("station {station} cannot be developed: {e}"))
     }
 
     fn judge(&mut self, session: &str, step: usize) -> Result<Judged, String> {
@@ -159,7 +170,7 @@ impl Worker {
         }
         if missing {
             for station in 0..complete {
-                self.develop(session, station)?;
+                self.develop(session, station).map_err(|fault| fault.reason)?;
             }
         }
         let (book, mut last) = (Arc::clone(&self.book), None::<Instant>);

@@ -178,7 +178,7 @@ fn block(
     mean: &mut i32,
     out: &mut [i16],
 ) -> Option<()> {
-    let store = |k: usize, value: i32| i16::try_from(value.checked_mul(steps[k])?).ok();
+    let store = |k: usize, value: i32| i16::try_from(value.checked_mul(*steps.get(k)?)?).ok();
     let size = bits.symbol(first)?;
     *mean = mean.checked_add(bits.number(u32::from(size))?)?;
     out[0] = store(0, *mean)?;

@@ -1,5 +1,5 @@
-//! A file written behind the back of whoever makes its bytes: in large aligned blocks, by a thread of its own. The next rows are
-//! merged meanwhile, and the system's page cache takes blocks of megabytes at a fraction of what rows of an image cost it.
+//! A file written behind the back of whoever makes its bytes: in aligned blocks, by a thread of its own, so that the next rows are
+//! merged meanwhile.
 
 use std::fs::File;
 use std::io::{Error, Result, Seek, SeekFrom, Write};
@@ -7,8 +7,11 @@ use std::os::unix::fs::FileExt;
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Bytes of a block; blocks begin at multiples of it. Three exist at most.
-const BLOCK: usize = 2 << 20;
+/// Bytes of a block; blocks begin at multiples of it. Larger ones make the page cache take larger pages, which a virtual machine may
+/// first have to get from its host: up to three times the processor time from 128 KiB on.
+const BLOCK: usize = 32 << 10;
+/// Blocks that may wait.
+const WAITING: usize = 32;
 
 /// Bytes and where they go.
 type Block = (u64, Vec<u8>);
@@ -26,7 +29,7 @@ pub(super) struct Behind {
 impl Behind {
     /// Starts writing `file` from its begin.
     pub fn new(file: File) -> Result<Self> {
-        let (full, blocks) = sync_channel::<Block>(1);
+        let (full, blocks) = sync_channel::<Block>(WAITING);
         let (give_back, empty) = channel();
         let write = move || {
             for (at, mut bytes) in blocks {
@@ -116,7 +119,7 @@ mod tests {
     fn what_the_system_says_of_a_write_is_passed_on() {
         let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let mut behind = Behind::new(full).unwrap();
-        let written = behind.write_all(&vec![1; 20 * BLOCK]);
+        let written = behind.write_all(&vec![1; 4 * WAITING * BLOCK]);
         assert!(written.is_err(), "writing went on after the thread had failed");
         let reason = behind.finish().unwrap_err();
         assert_eq!(reason.raw_os_error(), Some(28), "{reason}");

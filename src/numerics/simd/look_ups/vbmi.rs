@@ -70,7 +70,7 @@ pub(super) unsafe fn look_ups(
 #[inline]
 fn select(frames: &[&[u8]], first: usize, levels: Levels, samples: &mut Samples, usable: &mut [bool]) {
     let (zero, one) = (_mm512_setzero_si512(), _mm512_set1_epi8(1));
-    let limit = _mm512_set1_epi8(levels.limit as i8);
+    let limit = _mm512_set1_epi8(levels.limit.cast_signed());
     // Red, green and blue lie side by side in three vectors; of each the longest open frame and the next shorter ones.
     let mut seen = [[zero; 3]; 1 + WEIGHTS];
     let mut count = [zero; 3];
@@ -90,7 +90,7 @@ fn select(frames: &[&[u8]], first: usize, levels: Levels, samples: &mut Samples,
             break;
         }
     }
-    let lowest = _mm512_set1_epi8(levels.lowest as i8);
+    let lowest = _mm512_set1_epi8(levels.lowest.cast_signed());
     let mut all = !0_u64;
     for c in 0..3 {
         let (count, longest) = (split(c, count), split(c, seen[0]));
@@ -116,7 +116,7 @@ fn select(frames: &[&[u8]], first: usize, levels: Levels, samples: &mut Samples,
 #[inline]
 unsafe fn sum(c: usize, samples: &Samples, channel: &Channel, results: &mut Results) {
     let rows = channel.rows.as_flattened().as_ptr().cast::<__m128i>();
-    let upper = _mm512_set1_epi32(UPPER_HALF as i32);
+    let upper = _mm512_set1_epi32(UPPER_HALF.cast_signed());
     let zero = _mm512_setzero_ps();
     let mut sums = [zero; PARTS];
     let mut weights = [[zero; PARTS]; WEIGHTS];
