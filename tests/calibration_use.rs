@@ -253,3 +253,17 @@ fn another_body_and_a_zoomed_lens_are_told_where_the_frames_name_them() {
     }
     assert_eq!(stale::other_optics(&measured(true, true), &optics(Some("1"), Some(50.0))), Vec::<String>::new());
 }
+
+/// What was measured on a simulated stage says nothing of a real rig, nor the other way round.
+#[test]
+fn a_simulated_calibration_is_not_for_a_real_rig() {
+    let of = |text: &str| Rig::from_toml(text, "test").unwrap();
+    let simulated = measured(true, true);
+    let real = CalibrationFile { simulated: false, ..measured(true, true) };
+    let (_, paper) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "zheng-2008").unwrap();
+    let (stage, lab) = (of(&text()), of(paper));
+    assert!(stage.is_simulated() && !lab.is_simulated());
+    assert_eq!(simulated.check_rig(&stage), Ok(()));
+    assert!(simulated.check_rig(&lab).unwrap_err().contains("of a simulated rig"));
+    assert!(real.check_rig(&stage).unwrap_err().contains("of a real rig"));
+}

@@ -211,3 +211,13 @@ fn a_distortion_without_inverse_is_seen() {
         assert!(camera(k1, 0.0).lost_pixel(200, 160).is_some(), "{k1}");
     }
 }
+
+/// The errors of refined normals are not those of a relit result, which knows the given ones only.
+#[test]
+fn refined_normals_are_said_to_be_lost() {
+    let options = FitOptions { materials: Some(1), solver: "normals".to_owned(), ..FitOptions::default() };
+    let mut observations = ball(60, &ARC);
+    observations.set_azimuths(|point, sample| (point + 3 * sample.light) as f64);
+    let judged = fit_observations(&observations, &options, &mut |_| ControlFlow::Continue(())).unwrap();
+    warned(&judged, "errors are about refined normals");
+}

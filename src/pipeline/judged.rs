@@ -184,6 +184,12 @@ pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi
     }
     warnings.extend(inputs::lights(observations));
     warnings.extend(identify::lone_peaks(&solution.mixture, observations));
+    if solution.tilts.is_some() {
+        warnings.push(
+            "errors are about refined normals, which the result does not hold: `rigd relight` uses those of the dataset and is less accurate"
+                .to_owned(),
+        );
+    }
     warnings
 }
 

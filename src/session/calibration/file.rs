@@ -91,11 +91,17 @@ impl CalibrationFile {
         Self::read(&path).map(|(file, _)| Some(file))
     }
 
-    /// Refuses a rig whose frames have another size than those calibrated on.
+    /// Refuses a rig that this calibration cannot be of: a real one where this one is of a simulated stage, or the other way round;
+    /// one whose frames have another size.
     ///
     /// # Errors
-    /// Says both sizes.
-    pub fn check_size(&self, rig: &Rig) -> Result<(), String> {
+    /// Says what both are.
+    pub fn check_rig(&self, rig: &Rig) -> Result<(), String> {
+        if self.simulated != rig.is_simulated() {
+            let kind = |simulated| if simulated { "a simulated" } else { "a real" };
+            let (then, now) = (kind(self.simulated), kind(rig.is_simulated()));
+            return Err(format!("calibration {} is of {then} rig, this is {now} one: calibrate anew", self.version));
+        }
         let (then, now) = ((self.camera.width, self.camera.height), (rig.camera.width, rig.camera.height));
         if then == now {
             return Ok(());

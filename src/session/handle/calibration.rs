@@ -109,7 +109,7 @@ impl EngineHandle {
 
     fn put(&self, entry: &Entry, plan: &mut CapturePlan) -> Result<Option<String>, String> {
         let (found, text) = CalibrationFile::read(&file::path(&entry.directory))?;
-        found.check_size(&self.rig)?;
+        found.check_rig(&self.rig)?;
         let mut stations = plan.stations.clone();
         for station in &mut stations {
             let lamp = found.lamp(station.angle_deg)?;
