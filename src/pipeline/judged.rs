@@ -184,12 +184,6 @@ pub fn warnings_of(solution: &Solution, observations: &Observations, reduced_chi
     }
     warnings.extend(inputs::lights(observations));
     warnings.extend(identify::lone_peaks(&solution.mixture, observations));
-    if solution.tilts.is_some() {
-        warnings.push(
-            "errors are about refined normals, which the result does not hold: `rigd relight` uses those of the dataset and is less accurate"
-                .to_owned(),
-        );
-    }
     warnings
 }
 
@@ -200,6 +194,12 @@ fn warnings_about(
     candidates: &[Candidate],
 ) -> Vec<String> {
     let mut warnings = warnings_of(solution, observations, evidence.reduced_chi2);
+    if solution.tilts.is_some() {
+        warnings.push(
+            "errors are about refined normals, which the result does not hold: `rigd relight` uses those of the dataset and is less accurate"
+                .to_owned(),
+        );
+    }
     if evidence.superfluous {
         warnings.push(
             "left-out lights (or BIC, where none can be left out) are served as well with one material fewer: one of the materials is a ghost"
