@@ -7,14 +7,14 @@ RIGD   := $(TARGET)/release/rigd
 CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
-.PHONY: demo test packages photographs format lint units raw-files documentation no-std release simulated studies oracle golden-frames \
+.PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
 	unit-file openapi contract
 .NOTPARALLEL:
 
 demo:
 	cargo run --release -- demo
 
-test: packages photographs format lint units raw-files documentation no-std golden-frames oracle release simulated studies \
+test: packages photographs format lint units features documentation no-std golden-frames oracle release simulated studies \
 		unit-file contract openapi
 	$(heading) 'all checks passed'
 
@@ -22,6 +22,8 @@ packages:
 	$(heading) 'Debian packages'
 	@missing=; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
+	command -v cmake >/dev/null || missing="$$missing cmake"; \
+	command -v nasm >/dev/null || missing="$$missing nasm"; \
 	python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3 python3-venv"; \
 	if [ -z "$$missing" ]; then echo 'all there'; exit 0; fi; \
 	as_root=$$([ "$$(id -u)" = 0 ] || echo sudo); \
@@ -38,18 +40,19 @@ format:
 	$(heading) 'format'
 	@cargo fmt --all --check && cargo fmt --manifest-path fuzz/Cargo.toml --check
 
-# With raw files, so that what only a build with them has is looked at as well.
+# With every feature, so that what only a build with them has is looked at as well.
 lint:
 	$(heading) 'lints'
-	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw -- -D warnings
+	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo -- -D warnings
 
 units:
 	$(heading) 'tests of the workspace'
 	@$(CARGO) test --quiet --workspace
 
-raw-files:
-	$(heading) 'tests of Canon raw files: the feature raw'
-	@$(CARGO) test --quiet --workspace --features rigd/raw --test raw --test raw_folder
+features:
+	$(heading) 'tests of the features raw (Canon raw files) and libjpeg-turbo'
+	@$(CARGO) test --quiet --features raw,libjpeg-turbo --test raw --test raw_folder --test fuzz_readers
+	@$(CARGO) test --quiet --features raw,libjpeg-turbo --lib pipeline::decode
 
 documentation:
 	$(heading) 'documentation of the code'

@@ -1,5 +1,8 @@
 //! Bytes of a picture file to 8-bit RGB and the facts its EXIF states. Any bytes give a picture or a typed error.
 
+#[cfg(feature = "libjpeg-turbo")]
+mod turbo;
+
 use super::contain::contained;
 use crate::numerics::image::Image;
 use std::io::Cursor;
@@ -12,6 +15,9 @@ use zune_jpeg::JpegDecoder;
 pub const MAX_PIXELS: usize = 64_000_000;
 /// Longest side accepted, pixels.
 const MAX_SIDE: usize = 20_000;
+
+/// What decodes JPEG files in this build.
+pub const JPEG_DECODER: &str = if cfg!(feature = "libjpeg-turbo") { "libjpeg-turbo" } else { "zune-jpeg" };
 
 /// Why bytes are no usable picture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -131,7 +137,10 @@ fn decode_jpeg(bytes: &[u8], mut pixels: Vec<[u8; 3]>) -> Result<Image<[u8; 3]>,
     if pixels.is_empty() || decoder.output_buffer_size() != Some(pixels.as_flattened().len()) {
         return Err(damaged(Format::Jpeg, "it has fewer samples than its size says"));
     }
+    #[cfg(not(feature = "libjpeg-turbo"))]
     decoder.decode_into(pixels.as_flattened_mut()).map_err(broken)?;
+    #[cfg(feature = "libjpeg-turbo")]
+    turbo::decode(bytes, width, height, pixels.as_flattened_mut()).map_err(|e| damaged(Format::Jpeg, e))?;
     Ok(Image { width, height, pixels })
 }
 

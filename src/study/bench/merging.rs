@@ -7,7 +7,7 @@ use crate::numerics::radiometry::bracket::Bracket;
 use crate::numerics::radiometry::merge::{Estimator, Merger};
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::{REFERENCE_LEVEL, Response};
-use crate::pipeline::decode::decode_into;
+use crate::pipeline::decode::{JPEG_DECODER, decode_into};
 use crate::pipeline::develop::{BracketFrame, Crop, develop, read_bracket};
 use crate::store::exr::{Place, write_radiance, write_strips};
 use crate::study::clock::OneThread;
@@ -81,7 +81,7 @@ pub fn run(
         Ok(((), cpu_s))
     };
     let ((), times) = repeated(repeats, decode)?;
-    told("decode one JPEG", false, times, None)?;
+    told(&format!("decode one JPEG, {JPEG_DECODER}"), false, times, None)?;
     let bracket = read_bracket(&frames(&files), None).map_err(frames_error)?;
     let response = response();
     for estimator in Estimator::ALL {
