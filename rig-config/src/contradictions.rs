@@ -86,9 +86,15 @@ fn drivers(view: &View, found: &mut Found) {
         }
     };
     needs(arm, "arm", "arm.port", &["rigproto", "grbl"], true);
+    needs(arm, "arm", "arm.grbl_lamp", &["grbl"], true);
+    needs(arm, "arm", "arm.grbl_zero_deg", &["grbl"], true);
     needs(camera, "camera", "camera.model", &["gphoto2"], false);
     needs(camera, "camera", "camera.port", &["gphoto2"], false);
     needs(camera, "camera", "camera.directory", &["replay"], true);
+    let level = view.number("lamp.level_permille");
+    if view.text("arm.grbl_lamp") == Some("coolant") && level.is_some_and(|level| level != 1000.0) {
+        found.refuse("lamp.level_permille", "a lamp on the coolant output is on or off: set 1000");
+    }
     let simulated = [arm, camera].contains(&Some("simulated"));
     let present = view.raw("simulation").is_some();
     if simulated && !present {

@@ -47,6 +47,13 @@ pub(crate) enum RawArmDriver {
     Simulated,
 }
 
+#[derive(Clone, Copy, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RawGrblLamp {
+    Spindle,
+    Coolant,
+}
+
 /// The motorised arm that carries the lamp.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -60,6 +67,11 @@ pub(crate) struct RawArm {
     #[serde(default = "default_baud")]
     #[schemars(range(min = 1200, max = 4_000_000))]
     pub baud: u32,
+    /// The output of a GRBL controller that feeds the lamp: spindle (any level) or coolant (on or off); for grbl.
+    pub grbl_lamp: Option<RawGrblLamp>,
+    /// The arm's angle at GRBL's machine position 0, the upper end of its travel, degrees; for grbl.
+    #[schemars(range(min = -720, max = 720))]
+    pub grbl_zero_deg: Option<f64>,
     /// Greatest speed, degrees per second.
     #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
     pub speed_deg_s: f64,

@@ -1,6 +1,6 @@
 //! Reading a rig file: text -> table -> checked keys -> checked contradictions -> [`Rig`].
 
-use crate::raw::{RawArmDriver, RawCalibration, RawCameraDriver, RawRig, RawScene, SCHEMA};
+use crate::raw::{RawArmDriver, RawCalibration, RawCameraDriver, RawGrblLamp, RawRig, RawScene, SCHEMA};
 use crate::rig::*;
 use crate::{Shutter, check, contradictions};
 use std::fmt;
@@ -109,7 +109,14 @@ impl RawRig {
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
-            RawArmDriver::Grbl => ArmDriver::Grbl { port: port()? },
+            RawArmDriver::Grbl => ArmDriver::Grbl {
+                port: port()?,
+                lamp: match arm.grbl_lamp.ok_or("arm.grbl_lamp is missing")? {
+                    RawGrblLamp::Spindle => GrblLamp::Spindle,
+                    RawGrblLamp::Coolant => GrblLamp::Coolant,
+                },
+                zero_deg: arm.grbl_zero_deg.ok_or("arm.grbl_zero_deg is missing")?,
+            },
             RawArmDriver::Simulated => ArmDriver::Simulated,
         };
         let camera_driver = match camera.driver {

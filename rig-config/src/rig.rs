@@ -42,9 +42,22 @@ pub enum ArmDriver {
     Grbl {
         /// Device path.
         port: PathBuf,
+        /// The output the lamp hangs on.
+        lamp: GrblLamp,
+        /// The arm's angle at machine position 0, degrees.
+        zero_deg: f64,
     },
     /// The simulated arm: the firmware's own handler behind a PTY.
     Simulated,
+}
+
+/// The output of a GRBL controller that feeds the lamp.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GrblLamp {
+    /// Spindle: any level.
+    Spindle,
+    /// Flood coolant: on or off.
+    Coolant,
 }
 
 /// The motorised arm.

@@ -5,6 +5,7 @@ mod operator;
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
 use crate::devices::camera::Camera;
+use crate::devices::grbl::{GrblArm, GrblSettings};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use crate::http::{self, HttpState};
@@ -103,8 +104,9 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
             let settings = settings(port.clone());
             Ok(Box::new(move || open(&settings)))
         }
-        ArmDriver::Grbl { .. } => {
-            Err(bad_input("arm.driver = \"grbl\" is not available in this version: use \"rigproto\" or \"simulated\""))
+        ArmDriver::Grbl { port, lamp, zero_deg } => {
+            let settings = GrblSettings { port: port.clone(), lamp: *lamp, zero_deg: *zero_deg, arm: rig.arm.clone() };
+            Ok(Box::new(move || Ok(Box::new(GrblArm::open(settings.clone())?) as Box<dyn Arm>)))
         }
         ArmDriver::Simulated => {
             let arm = SimulatedArm::spawn(ArmConfig::from_rig(rig, pose.clone())).context("no PTY can be had")?;

@@ -73,6 +73,15 @@ pub enum ArmError {
         /// Time waited, seconds.
         waited_s: f64,
     },
+    /// Homing again found the arm elsewhere than counted; it is homed now, but what was shot since the last homing is not to be trusted.
+    #[error(
+        "the arm had lost steps ({}): check for a blocked arm, lower the acceleration",
+        slip_deg.map_or("its switch was not where it should be".to_owned(), |slip| format!("{slip:+.2} degrees"))
+    )]
+    StepsLost {
+        /// Counted less true angle, degrees; none when the switch was not met at all.
+        slip_deg: Option<f64>,
+    },
     /// The caller's [`Cancel`] was set; the motor was told to stop.
     #[error("the move was cancelled and the motor stopped")]
     Cancelled,

@@ -1,6 +1,8 @@
 //! Hardware behind two small traits: [`arm::Arm`] and [`camera::Camera`]. Knows nothing of pipeline, store or session.
 pub mod arm;
 pub mod camera;
+pub mod grbl;
+mod motion;
 pub mod replay;
 pub mod rigproto;
 pub mod serial;

@@ -4,8 +4,8 @@
 
 mod board;
 mod faults;
-mod motion;
-mod pty;
+pub(crate) mod motion;
+pub(crate) mod pty;
 
 pub use faults::ArmFaults;
 

@@ -1,0 +1,292 @@
+//! The driver of an arm behind GRBL 1.1 or grblHAL: the X axis turns it, one "millimetre" is one degree, the lamp hangs on the spindle
+//! or the coolant output.
+//!
+//! GRBL has no dead-man: when this computer dies the lamp stays on. A soft reset, sent on every way out, switches it off.
+
+mod advice;
+mod link;
+mod said;
+mod settings;
+
+pub use settings::GrblSettings;
+
+use super::Cancel;
+use super::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
+use super::motion::{allowance, seconds, travel_time_s};
+use super::serial::SerialTransport;
+use advice::refused;
+use link::{ANSWER_TIME, Link, Owner};
+use rig_config::GrblLamp;
+use said::{Report, State};
+use settings::Stored;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Time between two looks at a turning motor.
+const POLL_PERIOD: Duration = Duration::from_millis(100);
+/// Reports within which the outputs are stated at least once (grbl: every 10th when idle, every 20th to 30th when busy).
+const OUTPUT_REPORTS: usize = 40;
+/// Speed at which the switch is sought for a check, degrees per second, and the time between two looks.
+const CHECK_SPEED_DEG_S: f64 = 1.0;
+const CHECK_PERIOD: Duration = Duration::from_millis(30);
+/// Slip that the check can tell from its own delays and the switch's play, degrees.
+const SLIP_DEG: f64 = 0.3;
+
+/// An arm after its handshake. Dropping it stops the motor and switches the lamp off.
+///
+/// After [`ArmError::Rebooted`] it is usable again, from [`Arm::home`] on; after [`ArmError::Port`] it must be opened anew.
+pub struct GrblArm {
+    link: Link,
+    settings: GrblSettings,
+    stored: Stored,
+    firmware: String,
+    restarts: u32,
+}
+
+impl GrblArm {
+    /// Opens the port, waits for the banner, reads who it is and what it has stored; motor and lamp are off then.
+    ///
+    /// # Errors
+    /// [`ArmError::Port`], [`ArmError::NoAnswer`] when no GRBL answers, [`ArmError::Refused`] with all stored settings that
+    /// contradict the rig file.
+    pub fn open(settings: GrblSettings) -> Result<Self, ArmError> {
+        let (link, banner) = Link::open(SerialTransport::open(&settings.port, settings.arm.baud)?)?;
+        let ask = |line: &'static str| {
+            link.with(2 * ANSWER_TIME, move |owner| owner.line("the handshake", line, ANSWER_TIME, &Cancel::default()))
+        };
+        let version = ask("$I")?.into_iter().find_map(|line| {
+            let version = line.strip_prefix("[VER:")?.strip_suffix(']')?.trim_end_matches(':').to_owned();
+            Some(version)
+        });
+        let stored = Stored::check(&ask("$$")?, &settings)?;
+        let firmware =
+            format!("{} {}", if banner.starts_with("Grbl ") { "GRBL" } else { "grblHAL" }, version.unwrap_or_default());
+        Ok(Self { link, settings, stored, firmware, restarts: 0 })
+    }
+
+    /// Runs `work` on the port's thread and keeps count of restarts.
+    fn with<T: Send + 'static>(
+        &mut self,
+        limit: Duration,
+        work: impl FnOnce(&mut Owner) -> Result<T, ArmError> + Send + 'static,
+    ) -> Result<T, ArmError> {
+        let result = self.link.with(limit, work);
+        if let Err(ArmError::Rebooted { now, .. }) = result {
+            self.restarts = now;
+        }
+        result
+    }
+
+    fn line(&mut self, what: &'static str, text: String, limit: Duration, cancel: &Cancel) -> Result<(), ArmError> {
+        let cancel = cancel.clone();
+        self.with(2 * limit + ANSWER_TIME, move |owner| owner.line(what, &text, limit, &cancel).map(|_| ()))
+    }
+
+    /// A report and whether the arm is homed.
+    fn look(&mut self) -> Result<(Report, bool), ArmError> {
+        self.with(4 * ANSWER_TIME, |owner| Ok((owner.report()?, owner.homed)))
+    }
+
+    /// A report that states the outputs as well; an override that noise on the line has set is refused.
+    fn look_at_outputs(&mut self) -> Result<(Report, bool), ArmError> {
+        for _ in 0..OUTPUT_REPORTS {
+            let (report, homed) = self.look()?;
+            match report.outputs {
+                Some(outputs) if !outputs.plain => {
+                    let reason =
+                        "its overrides are not at 100 %: noise on the line has set them; it is reset and homed again";
+                    return Err(refused("a status request", reason));
+                }
+                Some(_) => return Ok((report, homed)),
+                None => {}
+            }
+        }
+        Err(refused("a status request", "it never states its outputs (A:, Ov:): update its firmware to GRBL 1.1"))
+    }
+
+    fn arm_status(&self, (report, homed): &(Report, bool)) -> ArmStatus {
+        let lamp_permille = match self.settings.lamp {
+            GrblLamp::Spindle => {
+                let share = report.spindle.unwrap_or(0.0) / self.stored.spindle_max;
+                (1000.0 * share.clamp(0.0, 1.0)).round() as u16
+            }
+            GrblLamp::Coolant => 1000 * u16::from(report.outputs.is_some_and(|outputs| outputs.coolant)),
+        };
+        ArmStatus {
+            angle_deg: self.settings.zero_deg + report.position_deg,
+            homed: *homed && report.state != State::Alarm,
+            moving: matches!(report.state, State::Moving | State::Slowing),
+            lamp_permille,
+            faults: 0,
+        }
+    }
+
+    /// `!`, then a reset: what a motor was told is gone, and where it stands is not trusted.
+    fn halt(&mut self) -> Result<(), ArmError> {
+        self.with(ANSWER_TIME, Owner::hold)?;
+        let limit = allowance(self.settings.arm.speed_deg_s / self.settings.arm.acceleration_deg_s2);
+        let started = Instant::now();
+        while matches!(self.look()?.0.state, State::Moving | State::Slowing) && started.elapsed() < limit {
+            thread::sleep(POLL_PERIOD);
+        }
+        self.with(Duration::from_secs(10), |owner| owner.reset().map(|_| ()))
+    }
+
+    /// Turns to a machine position; returns the report there.
+    fn turn(&mut self, to_deg: f64, cancel: &Cancel) -> Result<(Report, bool), ArmError> {
+        let from = self.look()?.0.position_deg;
+        self.line("to move", format!("G21G90G53G0X{to_deg:.3}"), ANSWER_TIME, cancel)?;
+        let arm = &self.settings.arm;
+        let limit = allowance(travel_time_s((to_deg - from).abs(), arm.speed_deg_s, arm.acceleration_deg_s2));
+        let started = Instant::now();
+        loop {
+            if cancel.is_cancelled() {
+                self.halt()?;
+                return Err(ArmError::Cancelled);
+            }
+            let (report, _) = self.look()?;
+            match report.state {
+                State::Idle => break,
+                State::Moving if started.elapsed() < limit => thread::sleep(POLL_PERIOD),
+                State::Moving | State::Slowing => {
+                    self.halt()?;
+                    return Err(self.not_arrived(&report, to_deg, started));
+                }
+                _ => return Err(refused("to move", "it holds, sleeps or is locked: press its reset, then home it")),
+            }
+        }
+        // Idle may have been said before the motion began; this line is taken when nothing is left to do.
+        self.line("to move", "G4P0.01".into(), limit, cancel)?;
+        let there = self.look()?;
+        let off = (there.0.position_deg - to_deg).abs();
+        if there.0.state != State::Idle || off > self.settings.arm.tolerance_deg + 0.0005 {
+            return Err(self.not_arrived(&there.0, to_deg, started));
+        }
+        Ok(there)
+    }
+
+    fn not_arrived(&self, report: &Report, to_deg: f64, started: Instant) -> ArmError {
+        let zero = self.settings.zero_deg;
+        ArmError::NotArrived {
+            angle_deg: zero + report.position_deg,
+            target_deg: zero + to_deg,
+            waited_s: started.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Where the switch trips when it is approached slowly, less where it should: what was lost since the last homing, degrees.
+    /// None when it does not trip within a degree beyond.
+    fn slip(&mut self, cancel: &Cancel) -> Result<Option<f64>, ArmError> {
+        let away = if self.stored.switch_deg < 0.0 { 1.0 } else { -1.0 };
+        let switch = self.stored.switch_deg;
+        let before = self.turn(switch + away * self.stored.pull_off_deg, cancel)?;
+        let beyond = switch - away * (1.0 + SLIP_DEG);
+        if before.0.at_switch {
+            return Ok(None);
+        }
+        self.line("to home", format!("$J=G21G90G53X{beyond:.3}F{}", 60.0 * CHECK_SPEED_DEG_S), ANSWER_TIME, cancel)?;
+        let limit = allowance((self.stored.pull_off_deg + 2.0) / CHECK_SPEED_DEG_S);
+        let started = Instant::now();
+        let found = loop {
+            if cancel.is_cancelled() {
+                self.halt()?;
+                return Err(ArmError::Cancelled);
+            }
+            let (report, _) = self.look()?;
+            if report.at_switch {
+                break Some(report.position_deg - switch);
+            }
+            if report.state == State::Idle || started.elapsed() > limit {
+                break None;
+            }
+            thread::sleep(CHECK_PERIOD);
+        };
+        self.with(ANSWER_TIME, Owner::end_jog)?;
+        self.line("to home", "G4P0.01".into(), limit, cancel)?;
+        Ok(found)
+    }
+
+    fn seek_home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
+        let limit = seconds(self.settings.arm.home_timeout_s);
+        let flag = cancel.clone();
+        self.with(limit + Duration::from_secs(10), move |owner| {
+            owner.homed = false;
+            owner.line("to home", "$H", limit, &flag)?;
+            owner.homed = true;
+            Ok(())
+        })?;
+        self.status()
+    }
+}
+
+impl Arm for GrblArm {
+    fn identity(&self) -> ArmIdentity {
+        ArmIdentity { firmware: self.firmware.clone(), boot_nonce: self.restarts }
+    }
+
+    /// An arm that was homed already first shows what it lost since: [`ArmError::StepsLost`], after homing.
+    fn home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
+        let before = self.status()?;
+        if before.moving {
+            self.halt()?;
+        }
+        let slip = if before.homed && !before.moving { Some(self.slip(cancel)?) } else { None };
+        let status = self.seek_home(cancel)?;
+        match slip {
+            Some(slip_deg) if slip_deg.is_none_or(|slip| slip.abs() > SLIP_DEG) => {
+                Err(ArmError::StepsLost { slip_deg })
+            }
+            _ => Ok(status),
+        }
+    }
+
+    fn move_to(&mut self, angle_deg: f64, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
+        let [lower, upper] = self.settings.arm.travel_deg;
+        if !(lower..=upper).contains(&angle_deg) {
+            let reason =
+                format!("{angle_deg} degrees is outside arm.travel_deg [{lower}, {upper}]: choose another angle");
+            return Err(refused("to move", reason));
+        }
+        if !self.look()?.1 {
+            return Err(refused("to move", "it does not know its position: home it first"));
+        }
+        self.turn(angle_deg - self.settings.zero_deg, cancel)?;
+        self.status()
+    }
+
+    fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
+        let line = match self.settings.lamp {
+            _ if permille > 1000 => {
+                return Err(refused("to set the lamp", format!("{permille} permille is more than 1000")));
+            }
+            GrblLamp::Spindle if permille == 0 => "M5".to_owned(),
+            GrblLamp::Spindle => format!("M3S{:.3}", f64::from(permille) / 1000.0 * self.stored.spindle_max),
+            GrblLamp::Coolant if permille == 0 => "M9".to_owned(),
+            GrblLamp::Coolant if permille == 1000 => "M8".to_owned(),
+            GrblLamp::Coolant => {
+                let reason = format!("{permille} permille: a lamp on the coolant output is on (1000) or off (0)");
+                return Err(refused("to set the lamp", reason));
+            }
+        };
+        self.line("to set the lamp", line, ANSWER_TIME, &Cancel::default())?;
+        let status = self.status()?;
+        if status.lamp_permille != permille {
+            let reason = format!("{permille} permille asked, {} set: check $30 and $31", status.lamp_permille);
+            return Err(refused("to set the lamp", reason));
+        }
+        Ok(status)
+    }
+
+    fn status(&mut self) -> Result<ArmStatus, ArmError> {
+        let seen = self.look_at_outputs()?;
+        Ok(self.arm_status(&seen))
+    }
+
+    /// An arm that stands keeps its home; one that moves is reset, which also switches the lamp off.
+    fn stop(&mut self) -> Result<ArmStatus, ArmError> {
+        if !matches!(self.look()?.0.state, State::Idle | State::Alarm) {
+            self.halt()?;
+        }
+        self.status()
+    }
+}
