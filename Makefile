@@ -22,6 +22,9 @@ packages:
 	$(heading) 'Debian packages'
 	@missing=; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
+	pkg-config --exists libgphoto2 2>/dev/null || missing="$$missing pkg-config libgphoto2-dev"; \
+	ls /usr/lib/llvm-*/lib/libclang.so* /usr/lib/llvm-*/lib/clang/*/include/stdarg.h >/dev/null 2>&1 || \
+		missing="$$missing libclang-dev"; \
 	command -v gphoto2 >/dev/null || missing="$$missing gphoto2"; \
 	python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3 python3-venv"; \
 	if [ -z "$$missing" ]; then echo 'all there'; exit 0; fi; \
