@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Version of these messages; both sides must have the same.
 pub const PROTOCOL: u32 = 1;
 
+/// Third stops from one second that a shutter can be: a microsecond to an hour.
+const SHUTTERS: std::ops::RangeInclusive<i32> = -60..=36;
+
 /// A request with the time its caller gives it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Call {
@@ -67,11 +70,11 @@ pub enum ShutterWish {
 }
 
 impl ShutterWish {
-    /// The time the shutter is really open, seconds; none if the label is no time.
+    /// The time the shutter is really open, seconds; none if it is no time of a shutter.
     pub fn true_s(&self) -> Option<f64> {
         match self {
             Self::Label(label) => Shutter::from_label(label).map(|shutter| shutter.true_s),
-            Self::Thirds(k) => Some((f64::from(*k) / 3.0).exp2()),
+            Self::Thirds(k) => SHUTTERS.contains(k).then(|| (f64::from(*k) / 3.0).exp2()),
         }
     }
 }
@@ -109,11 +112,13 @@ pub enum Reply {
         files: Vec<FileEntry>,
         /// What the driver says was set: no proof, it may be the driver's own memory. Verify by the files.
         read_back: ReadBack,
+        /// Files of earlier shots that the camera announced only now.
+        unexpected: Vec<FilePlace>,
     },
     /// The idling is over.
     Idle {
         /// Files that the camera announced meanwhile and nobody asked for: late ones of an earlier shot.
-        unexpected: Vec<String>,
+        unexpected: Vec<FilePlace>,
     },
     /// The camera is let go.
     Closed,
@@ -158,13 +163,20 @@ pub enum Driver {
     Canon,
 }
 
+/// Where a file is on the camera.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct FilePlace {
+    /// Folder, such as `/store_00020001/DCIM/100EOS5D`.
+    pub folder: String,
+    /// Name, such as `IMG_0001.CR2`.
+    pub name: String,
+}
+
 /// A file of a shot.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileEntry {
-    /// Name on the camera.
-    pub name: String,
-    /// Folder on the camera.
-    pub folder: String,
+    /// Where it is and stays.
+    pub place: FilePlace,
     /// Bytes of the file, in the blob.
     pub size: u64,
 }
@@ -281,5 +293,6 @@ mod tests {
         assert_eq!(ShutterWish::Thirds(12).true_s(), Some(16.0));
         assert_eq!(ShutterWish::Thirds(12).true_s(), ShutterWish::Label("15".into()).true_s());
         assert_eq!(ShutterWish::Label("bulb".into()).true_s(), None);
+        assert_eq!([i32::MIN, -61, 37, i32::MAX].map(|k| ShutterWish::Thirds(k).true_s()), [None; 4]);
     }
 }

@@ -3,7 +3,7 @@
 use crate::library::{call, refused};
 use crate::settings::Settings;
 use camera_messages::labels;
-use camera_messages::message::{Driver, Failure, HandleState, Identity, Step};
+use camera_messages::message::{Driver, Failure, FilePlace, HandleState, Identity, Step};
 use camera_messages::words;
 use gphoto2::camera::CameraEvent;
 use gphoto2::file::CameraFilePath;
@@ -19,15 +19,12 @@ const CARD: &str = "Memory card";
 /// One wait for events while idling.
 const PUMP: Duration = Duration::from_millis(500);
 
-/// Folder and name of a file on the camera.
-pub(crate) type Place = (String, String);
-
 /// A camera that is open.
 pub(crate) struct OpenCamera {
     pub(crate) camera: Camera,
     identity: Identity,
     /// Every file announced so far, so that none is taken for a later shot's.
-    pub(crate) seen: HashSet<Place>,
+    pub(crate) seen: HashSet<FilePlace>,
 }
 
 impl OpenCamera {
@@ -44,16 +41,22 @@ impl OpenCamera {
         Settings(&self.camera)
     }
 
+    /// Adds a file that was just announced, unless it had been announced before.
+    pub(crate) fn note(&mut self, places: &mut Vec<FilePlace>, place: FilePlace) {
+        if self.seen.insert(place.clone()) {
+            places.push(place);
+        }
+    }
+
     /// Keeps the camera awake; the files that it announces meanwhile.
-    pub(crate) fn idle(&mut self, time: Duration) -> Result<Vec<String>, Failure> {
+    pub(crate) fn idle(&mut self, time: Duration) -> Result<Vec<FilePlace>, Failure> {
         let end = Instant::now() + time;
         let mut unexpected = Vec::new();
         // The old driver has no events and needs no keep-awake.
         while self.identity.driver == Driver::Ptp2 {
             let left = end.saturating_duration_since(Instant::now());
             if let CameraEvent::NewFile(path) = call(Step::Idle, self.camera.wait_event(left.min(PUMP)))? {
-                unexpected.push(format!("{}/{}", path.folder(), path.name()));
-                self.seen.insert(place(&path));
+                self.note(&mut unexpected, place(&path));
             }
             if left.is_zero() {
                 return Ok(unexpected);
@@ -65,8 +68,8 @@ impl OpenCamera {
 }
 
 /// Where a file is.
-pub(crate) fn place(path: &CameraFilePath) -> Place {
-    (path.folder().into(), path.name().into())
+pub(crate) fn place(path: &CameraFilePath) -> FilePlace {
+    FilePlace { folder: path.folder().into(), name: path.name().into() }
 }
 
 fn open(context: &Context, model: Option<String>, port: Option<String>) -> Result<OpenCamera, Failure> {

@@ -6,6 +6,8 @@ use camera_messages::message::{Failure, HandleState, PROTOCOL, Reply, Request, S
 use gphoto2::Context;
 use std::time::Duration;
 
+const LONGEST_IDLE: Duration = Duration::from_secs(3600);
+
 /// What the worker holds between requests.
 #[derive(Default)]
 pub(crate) struct Session {
@@ -50,8 +52,8 @@ impl Session {
             }
             Request::Shoot(shot) => self.camera(Step::Set)?.shoot(&shot),
             Request::Idle { seconds } => {
-                let time = Duration::try_from_secs_f64(seconds)
-                    .map_err(|_| refused(Step::Idle, format!("{seconds} s is no time to idle")))?;
+                let time = Duration::try_from_secs_f64(seconds).ok().filter(|time| *time <= LONGEST_IDLE);
+                let time = time.ok_or_else(|| refused(Step::Idle, format!("{seconds} s is not from 0 to an hour")))?;
                 let unexpected = self.camera(Step::Idle)?.idle(time)?;
                 plain(Reply::Idle { unexpected })
             }

@@ -1,9 +1,9 @@
 //! One shot: settings, release, files.
 
-use crate::camera::{OpenCamera, Place, place};
+use crate::camera::{OpenCamera, place};
 use crate::library::{call, refused};
 use camera_messages::labels;
-use camera_messages::message::{Driver, Failure, FileEntry, ReadBack, Reply, Shot, Step};
+use camera_messages::message::{Driver, Failure, FileEntry, FilePlace, ReadBack, Reply, Shot, Step};
 use gphoto2::camera::CameraEvent;
 use std::time::{Duration, Instant};
 
@@ -28,18 +28,17 @@ impl OpenCamera {
     /// Sets, exposes, fetches. The files stay on the card: one body hangs after a deletion, and a copy does no harm.
     pub(crate) fn shoot(&mut self, shot: &Shot) -> Result<(Reply, Vec<u8>), Failure> {
         let labels = self.choose(shot)?;
-        self.drain()?;
+        let unexpected = self.drain()?;
         let read_back = self.set(&labels)?;
         self.check_room()?;
         let places = self.capture(shot)?;
         let (mut files, mut blob) = (Vec::new(), Vec::new());
         for place in places {
             let bytes = self.fetch(&place)?;
-            let (folder, name) = place.clone();
-            files.push(FileEntry { name, folder, size: bytes.len() as u64 });
+            files.push(FileEntry { place, size: bytes.len() as u64 });
             blob.extend_from_slice(&bytes);
         }
-        Ok((Reply::Files { files, read_back }, blob))
+        Ok((Reply::Files { files, read_back, unexpected }, blob))
     }
 
     fn choose(&self, shot: &Shot) -> Result<Labels, Failure> {
@@ -93,33 +92,36 @@ impl OpenCamera {
     }
 
     /// Takes what the camera still has to tell of earlier shots: the library would throw it away at the release.
-    fn drain(&mut self) -> Result<(), Failure> {
+    fn drain(&mut self) -> Result<Vec<FilePlace>, Failure> {
+        let mut files = Vec::new();
         let end = Instant::now() + OLD_EVENTS;
         while self.has_events() && Instant::now() < end {
             match call(Step::Drain, self.camera.wait_event(Duration::ZERO))? {
-                CameraEvent::Timeout => return Ok(()),
-                CameraEvent::NewFile(path) => {
-                    self.seen.insert(place(&path));
-                }
+                CameraEvent::Timeout => break,
+                CameraEvent::NewFile(path) => self.note(&mut files, place(&path)),
                 _ => {}
             }
         }
-        Ok(())
+        Ok(files)
     }
 
     /// Releases, and waits for all files of the shot and for the camera to be ready.
-    fn capture(&mut self, shot: &Shot) -> Result<Vec<Place>, Failure> {
+    fn capture(&mut self, shot: &Shot) -> Result<Vec<FilePlace>, Failure> {
         let wanted = shot.format.files();
         let first = call(Step::Capture, self.camera.capture_image())?;
+        if first.name() == NOT_FOUND || first.name().is_empty() {
+            let what = "the camera released but its file was not found: take the picture again, on an empty card if this repeats";
+            return Err(refused(Step::Capture, what));
+        }
         let mut places = Vec::new();
-        self.note(&mut places, place(&first))?;
+        self.note(&mut places, place(&first));
         // The first file may be an earlier shot's, and then this exposure still lasts.
         let time =
             LAST_FILE + Duration::try_from_secs_f64(2.0 * shot.shutter.true_s().unwrap_or(0.0)).unwrap_or_default();
         let end = Instant::now() + time;
         while self.has_events() && Instant::now() < end {
             match call(Step::Capture, self.camera.wait_event(SILENCE))? {
-                CameraEvent::NewFile(path) => self.note(&mut places, place(&path))?,
+                CameraEvent::NewFile(path) => self.note(&mut places, place(&path)),
                 CameraEvent::CaptureComplete | CameraEvent::Timeout if places.len() >= wanted => break,
                 _ => {}
             }
@@ -131,19 +133,7 @@ impl OpenCamera {
         Ok(places)
     }
 
-    /// Takes a file for this shot's unless it was announced before.
-    fn note(&mut self, places: &mut Vec<Place>, place: Place) -> Result<(), Failure> {
-        if place.1 == NOT_FOUND || place.1.is_empty() {
-            let what = "the camera released but its file was not found: take the picture again, on an empty card if this repeats";
-            return Err(refused(Step::Capture, what));
-        }
-        if self.seen.insert(place.clone()) {
-            places.push(place);
-        }
-        Ok(())
-    }
-
-    fn fetch(&self, (folder, name): &Place) -> Result<Box<[u8]>, Failure> {
+    fn fetch(&self, FilePlace { folder, name }: &FilePlace) -> Result<Box<[u8]>, Failure> {
         let fs = self.camera.fs();
         let file = call(Step::Download, fs.download(folder, name))?;
         let bytes = call(Step::Download, file.get_data(&self.camera))?;

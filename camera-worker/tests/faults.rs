@@ -4,7 +4,7 @@
 mod support;
 
 use camera_messages::labels::ImageFormat;
-use camera_messages::message::{HandleState, Request, Step};
+use camera_messages::message::{HandleState, Reply, Request, Step};
 use simulated_eos::{Body, BodyOptions, Fault, Moment, PictureKind, Server};
 use std::sync::mpsc::channel;
 use std::time::Duration;
@@ -62,6 +62,27 @@ fn a_full_card_is_said_before_the_release() {
     assert!(failure.what.contains("card is full"), "{failure}");
     server.faults().clear();
     assert_eq!(worker.shoot(jpeg("1/4")).0[0].1, frame(2, "1/4"));
+}
+
+#[test]
+fn a_picture_that_somebody_takes_at_the_body_is_not_taken_for_a_shots() {
+    let server = server(BodyOptions::default());
+    let (mut worker, _) = Worker::on(&server);
+    worker.ask(Request::Idle { seconds: 0.1 });
+    server.press_shutter();
+    let mut unexpected = Vec::new();
+    while unexpected.is_empty() {
+        let Reply::Idle { unexpected: files } = worker.ask(Request::Idle { seconds: 0.1 }).0 else { panic!("no idle") };
+        unexpected = files;
+    }
+    assert_eq!((unexpected.len(), unexpected[0].name.as_str()), (1, "IMG_0001.JPG"));
+    server.press_shutter();
+    let mut reply = worker.ask(Request::Shoot(jpeg("1/4")));
+    while let Reply::Failed(failure) = &reply.0 {
+        assert_eq!(failure.handle, HandleState::Busy, "{failure}");
+        reply = worker.ask(Request::Shoot(jpeg("1/4")));
+    }
+    assert_eq!(String::from_utf8(reply.1).unwrap(), frame(3, "1/4"));
 }
 
 /// libgphoto2 left to itself would never come back from opening this body.
@@ -147,7 +168,7 @@ fn a_worker_killed_in_mid_exposure_is_replaced_and_its_picture_is_not_taken_for_
     assert_eq!(worker.reply(), None);
     let (mut worker, _) = Worker::on(&server);
     let mut reply = worker.ask(Request::Shoot(jpeg("1/4")));
-    while let camera_messages::message::Reply::Failed(failure) = &reply.0 {
+    while let Reply::Failed(failure) = &reply.0 {
         assert_eq!(failure.handle, HandleState::Busy, "{failure}");
         reply = worker.ask(Request::Shoot(jpeg("1/4")));
     }

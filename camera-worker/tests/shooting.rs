@@ -33,8 +33,8 @@ fn a_bracket_of_ten_shots_is_taken_as_asked() {
         for (frame, label) in (1..).zip(bracket) {
             let (files, read_back) = worker.shoot(shot(label, ImageFormat::Jpeg));
             let [(entry, bytes)] = files.try_into().unwrap();
-            assert_eq!(entry.name, format!("IMG_{frame:04}.JPG"));
-            assert_eq!(entry.folder, "/store_00020001/DCIM/100EOS5D");
+            assert_eq!(entry.place.name, format!("IMG_{frame:04}.JPG"));
+            assert_eq!(entry.place.folder, "/store_00020001/DCIM/100EOS5D");
             assert_eq!(bytes, expected(frame, label, "5.6", 100, PictureKind::Jpeg));
             assert_eq!(read_back.shutter, if label == "6" { "6.3" } else { label });
         }
@@ -51,7 +51,7 @@ fn raw_and_jpeg_come_both_and_all_settings_are_made() {
     wanted.shutter = ShutterWish::Thirds(12);
     (wanted.f_number, wanted.iso) = (8.0, 400);
     let (files, read_back) = worker.shoot(wanted);
-    let names: Vec<&str> = files.iter().map(|(entry, _)| entry.name.as_str()).collect();
+    let names: Vec<&str> = files.iter().map(|(entry, _)| entry.place.name.as_str()).collect();
     assert_eq!(names, ["IMG_0001.CR2", "IMG_0001.JPG"]);
     assert_eq!(files[0].1, expected(1, "15", "8", 400, PictureKind::Raw));
     assert_eq!(files[1].1, expected(1, "15", "8", 400, PictureKind::Jpeg));
@@ -75,7 +75,7 @@ fn what_the_camera_does_not_offer_is_refused_before_it_is_touched() {
     }
     let reset = worker.fail(Request::Reset);
     assert_eq!((reset.step, reset.handle), (Step::Reset, HandleState::Ready));
-    assert_eq!(worker.shoot(good).0[0].0.name, "IMG_0001.JPG");
+    assert_eq!(worker.shoot(good).0[0].0.place.name, "IMG_0001.JPG");
 }
 
 #[test]
@@ -83,7 +83,9 @@ fn it_keeps_the_camera_awake_between_shots() {
     let server = server(BodyOptions::default());
     let (mut worker, _) = Worker::on(&server);
     assert_eq!(worker.ask(Request::Idle { seconds: 0.3 }).0, Reply::Idle { unexpected: vec![] });
-    assert_eq!(worker.fail(Request::Idle { seconds: -1.0 }).handle, HandleState::Ready);
+    for seconds in [-1.0, 3601.0, 1e300] {
+        assert_eq!(worker.fail(Request::Idle { seconds }).handle, HandleState::Ready);
+    }
     worker.shoot(shot("1/8", ImageFormat::Jpeg));
 }
 

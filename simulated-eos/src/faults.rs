@@ -3,7 +3,7 @@
 use crate::body::OpRequest;
 use crate::codes::operation;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// When a fault strikes: at an operation of this kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -146,6 +146,12 @@ impl Faults {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// `by` after `now`; what lies beyond the clock's range, a year after.
+pub(crate) fn after(now: Instant, by: Duration) -> Instant {
+    const YEAR: Duration = Duration::from_secs(365 * 86_400);
+    now.checked_add(by).unwrap_or_else(|| now + YEAR)
 }
 
 #[cfg(test)]

@@ -101,6 +101,18 @@ fn an_exposure_lasts_its_true_time_and_the_body_is_busy_meanwhile() {
 }
 
 #[test]
+fn a_press_on_the_body_makes_a_file_nobody_asked_for() {
+    let server = server(BodyOptions { speed: f64::MIN_POSITIVE, ..BodyOptions::default() });
+    assert!(server.press_shutter());
+    assert!(!server.press_shutter(), "this exposure never ends");
+    let server = support::server(BodyOptions::default());
+    let mut host = Host::open(&server);
+    host.events();
+    assert!(server.press_shutter());
+    assert_eq!(added(&host.events_until(0xc181)).remove(0).1, "IMG_0001.JPG");
+}
+
+#[test]
 fn files_and_numbers_outlive_every_connection() {
     let server = server(BodyOptions::default());
     let (first, _) = Host::open(&server).shoot();

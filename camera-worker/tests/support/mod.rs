@@ -128,7 +128,7 @@ impl Worker {
     /// The files of a shot that succeeds, and what was read back.
     pub fn shoot(&mut self, shot: Shot) -> (Vec<(FileEntry, String)>, ReadBack) {
         let (reply, blob) = self.ask(Request::Shoot(shot));
-        let Reply::Files { files, read_back } = reply else { panic!("{reply:?}") };
+        let Reply::Files { files, read_back, .. } = reply else { panic!("{reply:?}") };
         let mut rest = blob.as_slice();
         let split = files.into_iter().map(|file| {
             let (bytes, after) = rest.split_at(usize::try_from(file.size).unwrap());

@@ -1,5 +1,6 @@
 //! The sensor on its own thread, and the exposure under way.
 
+use crate::faults::after;
 use crate::sensor::{ExposureSettings, Picture, Sensor};
 use std::io;
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
@@ -48,7 +49,7 @@ impl Exposer {
     pub(super) fn open_shutter(&mut self, settings: ExposureSettings, to_card: bool, open: Duration) -> bool {
         let sent = self.orders.as_ref().is_some_and(|orders| orders.send(settings.clone()).is_ok());
         if sent {
-            self.under_way = Some(Exposing { settings, to_card, closes: Instant::now() + open, pictures: None });
+            self.under_way = Some(Exposing { settings, to_card, closes: after(Instant::now(), open), pictures: None });
         }
         sent
     }

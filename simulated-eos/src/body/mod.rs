@@ -161,6 +161,14 @@ impl Body {
         self.answer(request)
     }
 
+    /// Presses the button on the body itself. Returns whether the shutter opened.
+    pub fn press_shutter(&mut self) -> bool {
+        self.look_at_exposure(Instant::now());
+        let before = self.frames;
+        self.release();
+        self.frames > before
+    }
+
     fn answer(&mut self, request: &OpRequest) -> OpResponse {
         let first = request.param(0);
         match request.code {

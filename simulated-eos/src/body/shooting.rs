@@ -6,7 +6,7 @@ use super::settings::TO_CARD;
 use super::{Body, OpResponse, Release};
 use crate::codes::{format, property, response};
 use crate::dials::{Aperture, Iso, Shutter};
-use crate::faults::Fault;
+use crate::faults::{Fault, after};
 use crate::sensor::{ExposureSettings, Picture};
 use std::time::{Duration, Instant};
 
@@ -59,7 +59,7 @@ impl Body {
     }
 
     fn open_time(&self, true_s: f64) -> Duration {
-        Duration::try_from_secs_f64(true_s / self.options.speed).unwrap_or(Duration::ZERO)
+        Duration::try_from_secs_f64(true_s / self.options.speed).unwrap_or(Duration::MAX)
     }
 
     fn to_card(&self) -> bool {
@@ -91,7 +91,7 @@ impl Body {
         let pictures = self.exchanged(pictures);
         let late = self.faults.take(|fault| matches!(fault, Fault::LateFile(_)));
         let due = match late {
-            Some(Fault::LateFile(by)) => now + by,
+            Some(Fault::LateFile(by)) => after(now, by),
             _ => now,
         };
         for picture in pictures {

@@ -2,7 +2,7 @@
 
 use super::connection::Connection;
 use crate::body::Body;
-use crate::faults::Faults;
+use crate::faults::{Faults, after};
 use std::io;
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
@@ -67,6 +67,11 @@ impl Server {
     pub fn gphoto2_port(&self) -> String {
         let port = self.port();
         format!("ptpip:127.0.0.1:{port}:{port}")
+    }
+
+    /// Presses the button on the body itself. Returns whether the shutter opened.
+    pub fn press_shutter(&self) -> bool {
+        self.shared.body().press_shutter()
     }
 
     /// Handle on the body's faults.
@@ -149,7 +154,7 @@ impl Shared {
 
     /// Waits, unless the server is to stop.
     pub(super) fn pause(&self, by: Duration) {
-        let end = Instant::now() + by;
+        let end = after(Instant::now(), by);
         while Instant::now() < end && !self.stopping.load(Ordering::SeqCst) {
             std::thread::sleep(LOOK.min(end.saturating_duration_since(Instant::now())));
         }
