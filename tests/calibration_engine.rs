@@ -86,6 +86,7 @@ fn engine(text: &str, data: &Path, stage: &StageHandle) -> (Rig, EngineHandle) {
             let camera = SimulatedCamera::new(&of_camera, &simulation, sight.clone(), CameraFaults::default());
             Ok(Box::new(camera.before(stage.clone())))
         }),
+        remedies: Vec::new(),
         processing: Box::new(PipelineProcessing::new(&rig)),
         speed: 1e6,
     };

@@ -93,6 +93,7 @@ impl World {
                 let (pose, faults) = (camera_pose.clone(), camera_faults.clone());
                 Ok(Box::new(SimulatedCamera::new(&camera_rig, simulation, pose, faults)))
             }),
+            remedies: Vec::new(),
             processing: Box::new(NoProcessing),
             speed: 100.0,
         })

@@ -90,6 +90,7 @@ fn drivers(view: &View, found: &mut Found) {
     needs(arm, "arm", "arm.grbl_zero_deg", &["grbl"], true);
     needs(camera, "camera", "camera.model", &["gphoto2"], false);
     needs(camera, "camera", "camera.port", &["gphoto2"], false);
+    needs(camera, "camera", "camera.power_hook", &["gphoto2"], false);
     needs(camera, "camera", "camera.directory", &["replay"], true);
     let level = view.number("lamp.level_permille");
     if view.text("arm.grbl_lamp") == Some("coolant") && level.is_some_and(|level| level != 1000.0) {

@@ -140,6 +140,10 @@ pub(crate) struct RawCamera {
     /// Port as libgphoto2 spells it (`usb:001,005`, `ptpip:127.0.0.1:15740`); for gphoto2, any port if left out.
     #[schemars(length(min = 1, max = 200))]
     pub port: Option<String>,
+    /// Program and arguments that switch the camera's power off and on (a relay on its AC adapter), run when nothing else brings it back;
+    /// for gphoto2.
+    #[schemars(length(min = 1, max = 32))]
+    pub power_hook: Option<Vec<String>>,
     /// Folder of frames to play; for replay.
     #[schemars(length(min = 1, max = 4096))]
     pub directory: Option<PathBuf>,

@@ -120,7 +120,9 @@ impl RawRig {
             RawArmDriver::Simulated => ArmDriver::Simulated,
         };
         let camera_driver = match camera.driver {
-            RawCameraDriver::Gphoto2 => CameraDriver::Gphoto2 { model: camera.model, port: camera.port },
+            RawCameraDriver::Gphoto2 => {
+                CameraDriver::Gphoto2 { model: camera.model, port: camera.port, power_hook: camera.power_hook }
+            }
             RawCameraDriver::Replay => {
                 CameraDriver::Replay { directory: camera.directory.ok_or("camera.directory is missing")? }
             }

@@ -124,6 +124,8 @@ pub enum CameraDriver {
         model: Option<String>,
         /// Port as libgphoto2 spells it.
         port: Option<String>,
+        /// Program and arguments that switch the camera's power off and on; none where nothing can.
+        power_hook: Option<Vec<String>>,
     },
     /// Plays a folder of frames.
     Replay {

@@ -34,7 +34,7 @@ fn shipped_rigs_are_accepted() {
     }
     let paper = Rig::from_toml(SHIPPED[0].1, "").unwrap();
     assert!(matches!(paper.arm.driver, ArmDriver::Rigproto { .. }));
-    let body = CameraDriver::Gphoto2 { model: Some("Canon EOS 5D".into()), port: None };
+    let body = CameraDriver::Gphoto2 { model: Some("Canon EOS 5D".into()), port: None, power_hook: None };
     assert_eq!((paper.camera.driver, paper.camera.width, paper.camera.height), (body, 4368, 2912));
     assert!(paper.simulation.is_none());
 }

@@ -5,11 +5,12 @@ mod operator;
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
 use crate::devices::camera::Camera;
+use crate::devices::gphoto2::{Gphoto2Camera, Gphoto2Settings, KnownBody, WorkerCommand, remedies};
 use crate::devices::grbl::{GrblArm, GrblSettings};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use crate::http::{self, HttpState};
-use crate::session::bench::{OpenArm, OpenCamera};
+use crate::session::bench::{OpenArm, OpenCamera, Remedy};
 use crate::session::engine::{self, EngineParts};
 use crate::session::handle::EngineHandle;
 use crate::session::processing::PipelineProcessing;
@@ -47,11 +48,12 @@ impl Daemon {
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken.
     pub async fn start(rig: Rig, rig_text: String) -> anyhow::Result<Self> {
-        let (pose, operator) = (SharedPose::default(), Operator::default());
+        let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
         let speed = rig.simulation.as_ref().map_or(1.0, |s| s.speed);
         let parts = EngineParts {
             open_arm: arm_factory(&rig, &pose)?,
-            open_camera: camera_factory(&rig, &pose, &operator)?,
+            open_camera: camera_factory(&rig, &pose, &operator, &body)?,
+            remedies: camera_remedies(&rig, &body),
             store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?,
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
@@ -120,11 +122,12 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     }
 }
 
-fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator) -> anyhow::Result<OpenCamera> {
+fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator, body: &KnownBody) -> anyhow::Result<OpenCamera> {
     match (&rig.camera.driver, &rig.simulation) {
-        (CameraDriver::Gphoto2 { .. }, _) => Err(bad_input(
-            "camera.driver = \"gphoto2\" is not available in this version: use \"replay\" or \"simulated\"",
-        )),
+        (CameraDriver::Gphoto2 { .. }, _) => {
+            let settings = gphoto2_settings(rig, body)?;
+            Ok(Box::new(move || Ok(Box::new(Gphoto2Camera::open(settings.clone())?) as Box<dyn Camera>)))
+        }
         (CameraDriver::Replay { directory }, _) => {
             let (directory, exposures) = (directory.clone(), rig.plan.exposures.len());
             Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
@@ -140,4 +143,31 @@ fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator) -> anyhow::
             "camera.driver = \"simulated\" photographs the simulated arm: set arm.driver = \"simulated\" as well",
         )),
     }
+}
+
+/// The program beside this one that drives a camera through libgphoto2.
+const CAMERA_WORKER: &str = "camera-worker";
+/// Directory for libgphoto2's settings, beside the sessions.
+const CAMERA_HOME: &str = "camera-home";
+
+fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gphoto2Settings> {
+    let CameraDriver::Gphoto2 { model, port, .. } = &rig.camera.driver else {
+        return Err(bad_input("camera.driver is not \"gphoto2\""));
+    };
+    let program =
+        std::env::current_exe().context("this program's own path is not known")?.with_file_name(CAMERA_WORKER);
+    let home = rig.storage.data.join(CAMERA_HOME);
+    let worker = WorkerCommand { program, home, environment: Vec::new() };
+    Ok(Gphoto2Settings { worker, model: model.clone(), port: port.clone(), body: body.clone() })
+}
+
+/// A reset of the USB device, and the rig file's command for its power.
+fn camera_remedies(rig: &Rig, body: &KnownBody) -> Vec<Remedy> {
+    let CameraDriver::Gphoto2 { power_hook, .. } = &rig.camera.driver else { return Vec::new() };
+    let body = body.clone();
+    let mut all = vec![Remedy { name: "usb reset", apply: Box::new(move || remedies::reset_usb(&body)) }];
+    if let Some(hook) = power_hook.clone() {
+        all.push(Remedy { name: "power hook", apply: Box::new(move || remedies::switch_power(&hook)) });
+    }
+    all
 }

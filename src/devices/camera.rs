@@ -45,6 +45,18 @@ pub enum CameraError {
         /// What happened and what to do.
         reason: String,
     },
+    /// It is still at an earlier shot; the same call may succeed in half a second.
+    #[error("{reason}")]
+    Busy {
+        /// What it said.
+        reason: String,
+    },
+    /// It refused this call and can be used further.
+    #[error("{reason}")]
+    Refused {
+        /// What it said, and what to do.
+        reason: String,
+    },
     /// The camera has no frame for this shot.
     #[error("camera: no frame for station {station}, exposure {exposure}: {reason}")]
     NoFrame {
@@ -74,12 +86,18 @@ pub trait Camera: Send {
     fn identity(&self) -> CameraIdentity;
     /// Sets the exposure, shoots, downloads.
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError>;
+    /// Called while nothing is shot, so that a body does not go to sleep and what it has to tell is taken.
+    fn keep_awake(&mut self) -> Result<(), CameraError> {
+        Ok(())
+    }
 }
 
 /// Time a call may take beyond twice the exposure, seconds: setting, readout, transfer, write.
 pub const CALL_GRACE_S: f64 = 30.0;
 /// Time a driver has to come back after a cancel, and to let go of the camera at the end.
 const RELEASE: Duration = Duration::from_secs(5);
+/// A camera that is left alone is kept awake this often: bodies sleep after a minute at the earliest.
+const KEEP_AWAKE: Duration = Duration::from_secs(10);
 /// How often a waiting call looks at its [`Cancel`].
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -101,9 +119,20 @@ impl CameraHandle {
         let (inbox, requests) = sync_channel::<Request>(1);
         let (release, released) = sync_channel(1);
         let serve = move || {
-            for (shot, cancel, reply) in requests {
-                // Nobody waits any more when the deadline has passed.
-                let _ = reply.send(camera.shoot(&shot, &cancel));
+            loop {
+                match requests.recv_timeout(KEEP_AWAKE) {
+                    Ok((shot, cancel, reply)) => {
+                        // Nobody waits any more when the deadline has passed.
+                        let _ = reply.send(camera.shoot(&shot, &cancel));
+                    }
+                    Err(RecvTimeoutError::Timeout) => {
+                        if let Err(error) = camera.keep_awake() {
+                            // The next shot meets it again.
+                            tracing::warn!(%error, "the camera cannot be kept awake");
+                        }
+                    }
+                    Err(RecvTimeoutError::Disconnected) => break,
+                }
             }
             drop(camera);
             let _ = release.send(());

@@ -1,6 +1,7 @@
 //! Hardware behind two small traits: [`arm::Arm`] and [`camera::Camera`]. Knows nothing of pipeline, store or session.
 pub mod arm;
 pub mod camera;
+pub mod gphoto2;
 pub mod grbl;
 mod motion;
 pub mod replay;

@@ -3,29 +3,29 @@
 
 mod guided;
 mod hold;
+mod shooting;
 
 use super::bench::Bench;
 use super::book::Book;
 use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
-use super::quality::{self, Fingerprint, Optics};
+use super::quality::{Fingerprint, Optics};
 use super::state::Event;
 use super::work::Work;
 use super::worker::Job;
 use crate::devices::arm::ArmError;
-use crate::devices::camera::{CameraError, RawFrame, Shot};
+use crate::devices::camera::{RawFrame, Shot};
 use crate::store::sessions::FrameWriter;
 use crate::store::{StoreError, frames};
 use rig_config::{Rig, Shutter};
 use serde_json::json;
+use shooting::Taken;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 
 /// Retakes of a frame before the session is given up.
 const RETAKES: usize = 2;
-/// Wait before a camera is opened anew, seconds.
-const REOPEN_WAIT_S: f64 = 1.0;
 
 /// Why an acquisition ended before its last frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +38,8 @@ pub enum Ended {
     ShutDown,
     /// It cannot go on, for this reason.
     Failed(String),
+    /// Arm or camera cannot go on, for this reason; what was shot is kept.
+    Interrupted(String),
 }
 
 /// What breaks off a bracket.
@@ -68,6 +70,8 @@ pub struct Acquisition<'a> {
     bracket: usize,
     recoveries: usize,
     last: Option<Fingerprint>,
+    /// Rung of the camera's ladder that comes next; the first again after a good frame.
+    rung: usize,
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
     start: Instant,
@@ -99,6 +103,7 @@ impl<'a> Acquisition<'a> {
             bracket: 0,
             recoveries: 0,
             last: None,
+            rung: 0,
             to_doubt: None,
             start: Instant::now(),
             held: Duration::ZERO,
@@ -194,9 +199,9 @@ impl<'a> Acquisition<'a> {
             let attempt = *attempt;
             let shot = self.shot(station, exposure)?;
             match self.shoot(&shot)? {
-                Ok((frame, fingerprint)) => {
-                    self.check_light(angle_deg)?;
-                    match self.commit(&shot, attempt, &frame, &fingerprint) {
+                Taken::Good(frame, fingerprint) => {
+                    let stood_deg = self.check_light(angle_deg)?;
+                    match self.commit(&shot, attempt, stood_deg, &frame, &fingerprint) {
                         Ok(()) => return Ok(self.doubt_optics(&frame)?),
                         Err(error @ StoreError::NoSpace { .. }) => {
                             self.suspend(&error, frame.bytes.len() as u64)?;
@@ -205,23 +210,28 @@ impl<'a> Acquisition<'a> {
                         Err(error) => return Err(Ended::Failed(error.to_string()).into()),
                     }
                 }
-                Err(reason) => {
-                    let label = &shot.shutter.label;
-                    let fields = json!({
-                        "station": station, "exposure": exposure, "attempt": attempt, "shutter": label, "reason": reason
-                    });
-                    self.record("frame.rejected", fields)?;
+                Taken::Recovered(reason) => self.reject(&shot, attempt, &reason)?,
+                Taken::Refused(reason) => {
+                    self.reject(&shot, attempt, &reason)?;
                     rejected += 1;
                     if rejected > RETAKES {
-                        return Err(Ended::Failed(format!(
+                        let label = &shot.shutter.label;
+                        return Err(Ended::Interrupted(format!(
                             "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
                         ))
                         .into());
                     }
-                    self.safe_point()?;
                 }
             }
+            self.safe_point()?;
         }
+    }
+
+    fn reject(&mut self, shot: &Shot, attempt: usize, reason: &str) -> Result<(), Ended> {
+        let fields = json!({
+            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "shutter": shot.shutter.label, "reason": reason
+        });
+        self.record("frame.rejected", fields)
     }
 
     fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
@@ -232,43 +242,19 @@ impl<'a> Acquisition<'a> {
         Ok(Shot { station, exposure, shutter, f_number: self.rig.camera.f_number, iso: self.rig.camera.iso })
     }
 
-    /// A verified frame, or the reason why it was refused; the outer error ends the bracket.
-    fn shoot(&mut self, shot: &Shot) -> Result<Result<(RawFrame, Fingerprint), String>, Ended> {
-        let taken = self.bench.camera().and_then(|camera| camera.shoot(shot, &self.book.cancel));
-        let frame = match taken {
-            Ok(frame) => frame,
-            Err(CameraError::Cancelled) => return Err(self.asked_end()),
-            Err(error @ CameraError::NoFrame { .. }) => return Err(Ended::Failed(error.to_string())),
-            Err(error) => return self.replace_camera(&error).map(Err),
-        };
-        let fingerprint = Fingerprint::of(&frame);
-        let size = (self.rig.camera.width, self.rig.camera.height);
-        let verdict = quality::check(&frame, shot, size, &fingerprint, self.last.as_ref());
-        self.last = Some(fingerprint.clone());
-        Ok(verdict.map(|()| (frame, fingerprint)))
-    }
-
-    /// After a failed call the driver is opened anew; the reason for the journal is returned.
-    fn replace_camera(&mut self, error: &CameraError) -> Result<String, Ended> {
-        self.rest(REOPEN_WAIT_S)?;
-        Ok(match self.bench.reopen_camera() {
-            Ok(()) => error.to_string(),
-            Err(again) => format!("{error}; opening it again: {again}"),
-        })
-    }
-
     /// Frame durable on disk, then its journal line: the acknowledgement.
     fn commit(
         &mut self,
         shot: &Shot,
         attempt: usize,
+        angle_deg: f64,
         frame: &RawFrame,
         fingerprint: &Fingerprint,
     ) -> Result<(), StoreError> {
         let file = frames::file_name(shot.station, shot.exposure, attempt);
         self.writer.write(&file, &frame.bytes)?;
         let fields = json!({
-            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket,
+            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket, "angle_deg": angle_deg,
             "file": file, "bytes": frame.bytes.len(), "blake3": fingerprint.blake3,
             "shutter": shot.shutter.label, "true_s": shot.shutter.true_s,
             "taken": fingerprint.taken, "camera_file": frame.name,
@@ -279,11 +265,11 @@ impl<'a> Acquisition<'a> {
         })
     }
 
-    /// The frame just taken, or the bracket about to go on, stands under the planned light.
-    fn check_light(&mut self, angle_deg: f64) -> Result<(), Trouble> {
+    /// The frame just taken, or the bracket about to go on, stands under the planned light: the arm's angle by its own status.
+    fn check_light(&mut self, angle_deg: f64) -> Result<f64, Trouble> {
         match self.bench.proof_of_light(angle_deg) {
-            Ok(None) => Ok(()),
-            Ok(Some(reason)) => Err(Trouble::Arm(reason)),
+            Ok(Ok(stood_deg)) => Ok(stood_deg),
+            Ok(Err(reason)) => Err(Trouble::Arm(reason)),
             Err(error) => Err(self.arm_trouble(&error)),
         }
     }

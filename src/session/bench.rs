@@ -12,11 +12,20 @@ pub type OpenArm = Box<dyn FnMut() -> Result<Box<dyn Arm>, ArmError> + Send>;
 /// Opens the camera; the composition root knows which.
 pub type OpenCamera = Box<dyn FnMut() -> Result<Box<dyn Camera>, CameraError> + Send>;
 
+/// What may bring back a camera that a new driver does not.
+pub struct Remedy {
+    /// As the journal names it.
+    pub name: &'static str,
+    /// Does it; the error is a sentence.
+    pub apply: Box<dyn FnMut() -> Result<(), String> + Send>,
+}
+
 /// The devices of the rig, open only while a session needs them.
 pub struct Bench {
     rig: Rig,
     open_arm: OpenArm,
     open_camera: OpenCamera,
+    remedies: Vec<Remedy>,
     arm: Option<Box<dyn Arm>>,
     camera: Option<CameraHandle>,
     /// The lamp may be on or the arm away from its park position.
@@ -25,8 +34,8 @@ pub struct Bench {
 
 impl Bench {
     /// Nothing is opened yet. `after_crash` makes the first clean-up look after a lamp that an earlier run left on.
-    pub fn new(rig: Rig, open_arm: OpenArm, open_camera: OpenCamera, after_crash: bool) -> Self {
-        Self { rig, open_arm, open_camera, arm: None, camera: None, unsafe_since_clean_up: after_crash }
+    pub fn new(rig: Rig, open_arm: OpenArm, open_camera: OpenCamera, remedies: Vec<Remedy>, after_crash: bool) -> Self {
+        Self { rig, open_arm, open_camera, remedies, arm: None, camera: None, unsafe_since_clean_up: after_crash }
     }
 
     /// Opens arm and camera; says who answered: firmware, model.
@@ -85,11 +94,25 @@ impl Bench {
         }
     }
 
-    /// Why the last frame cannot have been lit as planned, if so; `angle_deg` is where the arm must stand.
-    pub fn proof_of_light(&mut self, angle_deg: f64) -> Result<Option<String>, ArmError> {
+    /// The arm's angle, or why the last frame cannot have been lit as planned; `angle_deg` is where the arm must stand.
+    pub fn proof_of_light(&mut self, angle_deg: f64) -> Result<Result<f64, String>, ArmError> {
         let (level, tolerance) = (self.rig.lamp.level_permille, self.rig.arm.tolerance_deg);
         let status = self.arm()?.status()?;
-        Ok(why_not_lit(&status, angle_deg, level, tolerance))
+        Ok(why_not_lit(&status, angle_deg, level, tolerance).map_or(Ok(status.angle_deg), Err))
+    }
+
+    /// How many remedies the rig has for a camera that does not open anew.
+    pub fn remedies(&self) -> usize {
+        self.remedies.len()
+    }
+
+    /// Applies a remedy to the camera, which is let go of before; its name, and what kept it from working.
+    pub fn apply_remedy(&mut self, index: usize) -> Result<&'static str, (&'static str, String)> {
+        if let Some(camera) = self.camera.take() {
+            camera.release();
+        }
+        let remedy = self.remedies.get_mut(index).ok_or(("remedy", format!("there is no remedy {index}")))?;
+        (remedy.apply)().map(|()| remedy.name).map_err(|why| (remedy.name, why))
     }
 
     /// Stops the arm, switches the lamp off, parks, lets go of both devices. Returns what could not be done.

@@ -2,7 +2,7 @@
 //! every one.
 
 use super::acquire::{Acquisition, Ended};
-use super::bench::{Bench, OpenArm, OpenCamera};
+use super::bench::{Bench, OpenArm, OpenCamera, Remedy};
 use super::book::Book;
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
@@ -28,6 +28,8 @@ pub struct EngineParts {
     pub open_arm: OpenArm,
     /// Opens the camera.
     pub open_camera: OpenCamera,
+    /// What may bring back a camera that does not open anew, in this order.
+    pub remedies: Vec<Remedy>,
     /// Develops and fits; [`super::processing::PipelineProcessing`] outside tests.
     pub processing: Box<dyn Processing>,
     /// How many times faster than real the engine's own waits (soak, settle) pass; 1 on real hardware.
@@ -36,7 +38,7 @@ pub struct EngineParts {
 
 /// Marks what a crash left behind, starts engine and worker, and hands out the handle.
 pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
-    let EngineParts { rig, rig_text, store, open_arm, open_camera, processing, speed } = parts;
+    let EngineParts { rig, rig_text, store, open_arm, open_camera, remedies, processing, speed } = parts;
     if !(speed.is_finite() && speed > 0.0) {
         return Err(EngineError::Storage(format!("simulation.speed is {speed}: it must be a positive number")));
     }
@@ -45,7 +47,7 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
     let jobs = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
-    let bench = Bench::new(rig.clone(), open_arm, open_camera, interrupted > 0);
+    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0);
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
     std::thread::Builder::new().name("engine".into()).spawn(move || engine.run()).map_err(no_thread)?;
     Ok(EngineHandle::new(book, rig, rig_text, jobs, speed, least_exposures))
@@ -146,6 +148,10 @@ impl Engine {
             Err(Ended::Failed(reason)) => {
                 let reason = left_over.map_or(reason.clone(), |left_over| format!("{reason}; {left_over}"));
                 self.book.happen(id, Event::Fault, Some(&reason))
+            }
+            Err(Ended::Interrupted(reason)) => {
+                let reason = left_over.map_or(reason.clone(), |left_over| format!("{reason}; {left_over}"));
+                self.book.happen(id, Event::HardwareLost, Some(&reason))
             }
             Err(Ended::ShutDown) => self.book.happen(id, Event::DaemonEnded, Some("the daemon was shut down")),
         };

@@ -36,7 +36,7 @@ pub enum SessionState {
     Halted,
     /// Ended by an error, named in `reason`.
     Failed,
-    /// The daemon ended in the middle; found so at the next start.
+    /// The daemon, the arm or the camera ended in the middle; what was shot is kept.
     Interrupted,
 }
 
@@ -106,6 +106,8 @@ pub enum Event {
     Done,
     /// The session cannot go on.
     Fault,
+    /// Arm or camera cannot go on.
+    HardwareLost,
     /// The daemon ends, or ended, with the session unfinished.
     DaemonEnded,
 }
@@ -142,7 +144,7 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
             Event::Asked(Verb::Abort),
         ) => S::Aborting,
         (state, Event::Fault) if !state.is_final() => S::Failed,
-        (state, Event::DaemonEnded) if !state.is_final() => S::Interrupted,
+        (state, Event::DaemonEnded | Event::HardwareLost) if !state.is_final() => S::Interrupted,
         (state, event) => return Err(WrongEvent { state, event }),
     };
     Ok(after)
@@ -186,6 +188,7 @@ mod tests {
             Event::FramesIn,
             Event::Done,
             Event::Fault,
+            Event::HardwareLost,
             Event::DaemonEnded,
         ];
         own.into_iter().chain(Verb::ALL.map(Event::Asked)).collect()

@@ -18,7 +18,7 @@ use sensor::Sensor;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What the body calls itself.
+/// What the body calls itself, unless told otherwise.
 const MODEL: &str = "Canon EOS 5D";
 /// How often the pose is looked at during an exposure.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -36,6 +36,7 @@ pub struct SimulatedCamera {
     stage: StageHandle,
     faults: CameraFaults,
     speed: f64,
+    model: &'static str,
     frame_number: u32,
     last_frame: Option<RawFrame>,
     /// What was rendered last: a bracket renders once.
@@ -54,10 +55,18 @@ impl SimulatedCamera {
             stage: StageHandle::default(),
             faults,
             speed: simulation.speed,
+            model: MODEL,
             frame_number: 0,
             last_frame: None,
             rendered: None,
         }
+    }
+
+    /// The same camera with another name in its EXIF.
+    #[must_use]
+    pub fn calling_itself(mut self, model: &'static str) -> Self {
+        self.model = model;
+        self
     }
 
     /// The same camera before a stage on which somebody places things; otherwise the sample stands there.
@@ -122,7 +131,7 @@ impl SimulatedCamera {
         let radiance = self.gather(&poses);
         let levels = self.sensor.read_out(&radiance, shutter.true_s, self.frame_number);
         let facts = ExifFacts {
-            model: MODEL,
+            model: self.model,
             nominal_s: shutter.nominal_s,
             f_number: shot.f_number,
             iso: shot.iso,
@@ -143,7 +152,7 @@ fn shares(seen: &[Pose]) -> Vec<(Pose, f64)> {
 
 impl Camera for SimulatedCamera {
     fn identity(&self) -> CameraIdentity {
-        CameraIdentity { model: MODEL.to_owned() }
+        CameraIdentity { model: self.model.to_owned() }
     }
 
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {

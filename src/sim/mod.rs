@@ -2,6 +2,7 @@
 //! Imported only by main (through `cli`), studies and tests.
 pub mod arm;
 pub mod camera;
+pub mod eos;
 pub mod grbl;
 mod lens;
 pub mod pose;

@@ -51,7 +51,7 @@ pub fn rig() -> Rig {
             intensity: [4e5; 3],
         },
         camera: CameraConfig {
-            driver: CameraDriver::Gphoto2 { model: None, port: None },
+            driver: CameraDriver::Gphoto2 { model: None, port: None, power_hook: None },
             width: SIZE.0,
             height: SIZE.1,
             focal_px: [300.0; 2],
@@ -191,6 +191,7 @@ impl Fakes {
             store,
             open_arm: Box::new(move || arm.open_arm()),
             open_camera: Box::new(move || camera.open_camera()),
+            remedies: Vec::new(),
             processing: Box::new(FakeProcessing(self.clone())),
             speed: 10_000.0,
         })

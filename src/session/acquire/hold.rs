@@ -44,7 +44,7 @@ impl Acquisition<'_> {
             let fields = json!({"device": "arm", "reason": reason, "recovery": self.recoveries + 1});
             self.book.note(self.id, "fault.raised", fields);
             let Some(&wait_s) = RECOVERY_WAIT_S.get(self.recoveries) else {
-                return Err(Ended::Failed(format!("the arm failed {} times: {reason}", self.recoveries + 1)));
+                return Err(Ended::Interrupted(format!("the arm failed {} times: {reason}", self.recoveries + 1)));
             };
             self.recoveries += 1;
             self.bench.drop_arm();

@@ -1,0 +1,92 @@
+//! One shot and what brings a camera back, rung by rung (shared facts of the field: only a busy camera is asked again as it is; anything
+//! else costs a new driver, then a reset, then its power). Every rung is journalled; the last one ends the session as interrupted.
+
+use super::{Acquisition, Ended};
+use crate::devices::camera::{CameraError, RawFrame, Shot};
+use crate::session::quality::{self, Fingerprint};
+use serde_json::json;
+
+/// How often a busy camera is asked again for one shot, and the wait before each, seconds.
+const BUSY_TRIES: usize = 5;
+const BUSY_WAIT_S: f64 = 0.5;
+/// Waits before the camera is opened anew, seconds; the remedies of the rig follow, each with the last wait.
+const REOPEN_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
+
+/// What came of one shot.
+pub(super) enum Taken {
+    /// A frame that is what was asked for.
+    Good(RawFrame, Fingerprint),
+    /// A frame that is not, or a camera that refused: the reason.
+    Refused(String),
+    /// The camera failed, for this reason, and was brought back.
+    Recovered(String),
+}
+
+impl Acquisition<'_> {
+    /// Shoots once; the error ends the acquisition.
+    pub(super) fn shoot(&mut self, shot: &Shot) -> Result<Taken, Ended> {
+        let mut busy = 0;
+        let frame = loop {
+            match self.bench.camera().and_then(|camera| camera.shoot(shot, &self.book.cancel)) {
+                Ok(frame) => break frame,
+                Err(CameraError::Cancelled) => return Err(self.asked_end()),
+                Err(error @ CameraError::NoFrame { .. }) => return Err(Ended::Failed(error.to_string())),
+                Err(CameraError::Refused { reason }) => return Ok(Taken::Refused(reason)),
+                Err(CameraError::Busy { reason }) if busy < BUSY_TRIES => {
+                    busy += 1;
+                    self.journal_rung("wait", &reason)?;
+                    self.rest(BUSY_WAIT_S)?;
+                }
+                Err(error) => return self.bring_back(&error.to_string()).map(Taken::Recovered),
+            }
+        };
+        let fingerprint = Fingerprint::of(&frame);
+        let size = (self.rig.camera.width, self.rig.camera.height);
+        let verdict = quality::check(&frame, shot, size, &fingerprint, self.last.as_ref());
+        self.last = Some(fingerprint.clone());
+        Ok(match verdict {
+            Ok(()) => {
+                self.rung = 0;
+                Taken::Good(frame, fingerprint)
+            }
+            Err(reason) => Taken::Refused(reason),
+        })
+    }
+
+    /// Climbs the ladder until the camera opens; returns why it had to.
+    fn bring_back(&mut self, reason: &str) -> Result<String, Ended> {
+        let mut told = reason.to_owned();
+        loop {
+            let rung = self.rung;
+            self.rung += 1;
+            let Some(wait_s) = REOPEN_WAIT_S
+                .get(rung)
+                .or(REOPEN_WAIT_S.last())
+                .filter(|_| rung < REOPEN_WAIT_S.len() + self.bench.remedies())
+            else {
+                return Err(Ended::Interrupted(format!("the camera does not come back: {told}")));
+            };
+            let applied = match rung.checked_sub(REOPEN_WAIT_S.len()) {
+                None => Ok("reopen"),
+                Some(remedy) => self.bench.apply_remedy(remedy),
+            };
+            let (name, failed) = match applied {
+                Ok(name) => (name, None),
+                Err((name, why)) => (name, Some(why)),
+            };
+            self.journal_rung(name, failed.as_ref().unwrap_or(&told))?;
+            if failed.is_some() {
+                continue;
+            }
+            self.rest(*wait_s)?;
+            match self.bench.reopen_camera() {
+                Ok(()) => return Ok(told),
+                Err(again) => told = format!("{reason}; opening it again: {again}"),
+            }
+        }
+    }
+
+    fn journal_rung(&mut self, rung: &str, reason: &str) -> Result<(), Ended> {
+        self.record("camera.recovery", json!({"rung": rung, "reason": reason}))
+    }
+}
