@@ -6,6 +6,7 @@ mod support;
 
 use simulated_eos::{BodyOptions, Fault, Moment, PictureKind, Release, Server};
 use std::fs;
+use std::io::Write;
 use std::process::{Command, Output};
 use support::{expected, server};
 use tempfile::TempDir;
@@ -20,7 +21,9 @@ impl Gphoto2 {
     /// None, with a word on stderr, if there is no such program.
     fn on(server: &Server) -> Option<Self> {
         if Command::new("gphoto2").arg("--version").output().is_err() {
-            eprintln!("SKIPPED: the program gphoto2 is not installed: the simulated camera was not tried with it");
+            // Past the test harness, which keeps what a passing test says with a macro to itself.
+            let words = "SKIPPED: the program gphoto2 is not installed: the simulated camera was not tried with it";
+            let _ = writeln!(std::io::stderr(), "{words}");
             return None;
         }
         Some(Self { port: server.gphoto2_port(), directory: tempfile::tempdir().unwrap() })

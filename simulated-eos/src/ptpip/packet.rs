@@ -114,6 +114,7 @@ impl Outgoing<'_> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn an_operation_written_by_hand_is_read() {
@@ -143,6 +144,14 @@ mod tests {
         assert_eq!(read(&[8, 0, 0, 0, 99, 0, 0, 0]), "packet type 99 is none that a host sends");
         assert_eq!(read(&[10, 0, 0, 0, 6, 0, 0, 0, 1, 0]), "a packet of type 6 ends before its fields do");
         assert_eq!(read(&[10, 0, 0, 0, 10, 0, 0, 0, 1, 0]), "a packet of type 10 ends before its fields do");
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_the_reader_panic(kind in 0_u32..16, payload in proptest::collection::vec(any::<u8>(), 0..60)) {
+            let _ = Incoming::parse(kind, &payload);
+            let _ = Incoming::read(&mut &payload[..]);
+        }
     }
 
     #[test]
