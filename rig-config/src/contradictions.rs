@@ -89,6 +89,12 @@ fn drivers(view: &View, found: &mut Found) {
     needs(camera, "camera", "camera.model", &["gphoto2"], false);
     needs(camera, "camera", "camera.port", &["gphoto2"], false);
     needs(camera, "camera", "camera.directory", &["replay"], true);
+    if camera == Some("simulated") && arm.is_some_and(|arm| arm != "simulated") {
+        found.refuse(
+            "camera.driver",
+            "\"simulated\" photographs the simulated arm: set arm.driver = \"simulated\" as well",
+        );
+    }
     let simulated = [arm, camera].contains(&Some("simulated"));
     let present = view.raw("simulation").is_some();
     if simulated && !present {

@@ -35,7 +35,6 @@ pub struct Daemon {
     /// Where it listens: `http://127.0.0.1:PORT`.
     pub url: String,
     engine: EngineHandle,
-    operator: Operator,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -61,17 +60,16 @@ impl Daemon {
         let listener = bind(listen).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
-        operator.serve(Some(engine.clone()));
+        operator.serve(engine.clone());
         let shutdown = CancellationToken::new();
         let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
         let http = tokio::spawn(http::serve(listener, state));
-        Ok(Self { url, engine, operator, shutdown, http })
+        Ok(Self { url, engine, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
     pub async fn stop(self) -> anyhow::Result<()> {
         let engine = self.engine;
-        self.operator.serve(None);
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
@@ -93,6 +91,17 @@ async fn bind(listen: SocketAddr) -> anyhow::Result<TcpListener> {
         .map_err(|e| bad_input(format!("cannot listen on {listen}: {e}; choose another with --listen 127.0.0.1:0")))
 }
 
+const NO_GRBL: &str = "arm.driver = \"grbl\" is not available in this version: use \"rigproto\" or \"simulated\"";
+const NO_GPHOTO2: &str =
+    "camera.driver = \"gphoto2\" is not available in this version: use \"replay\" or \"simulated\"";
+
+/// What this version cannot drive of a rig whose file is sound: [`Daemon::start`] refuses it.
+pub fn missing_drivers(rig: &Rig) -> Vec<&'static str> {
+    let arm = matches!(rig.arm.driver, ArmDriver::Grbl { .. }).then_some(NO_GRBL);
+    let camera = matches!(rig.camera.driver, CameraDriver::Gphoto2 { .. }).then_some(NO_GPHOTO2);
+    arm.into_iter().chain(camera).collect()
+}
+
 fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     let settings = |port: PathBuf| RigprotoSettings::new(port, &rig.arm);
     let open = |settings: &RigprotoSettings| -> Result<Box<dyn Arm>, ArmError> {
@@ -103,9 +112,7 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
             let settings = settings(port.clone());
             Ok(Box::new(move || open(&settings)))
         }
-        ArmDriver::Grbl { .. } => {
-            Err(bad_input("arm.driver = \"grbl\" is not available in this version: use \"rigproto\" or \"simulated\""))
-        }
+        ArmDriver::Grbl { .. } => Err(bad_input(NO_GRBL)),
         ArmDriver::Simulated => {
             let arm = SimulatedArm::spawn(ArmConfig::from_rig(rig, pose.clone())).context("no PTY can be had")?;
             let settings = settings(arm.port().to_owned());
@@ -120,22 +127,18 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
 
 fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator) -> anyhow::Result<OpenCamera> {
     match (&rig.camera.driver, &rig.simulation) {
-        (CameraDriver::Gphoto2 { .. }, _) => Err(bad_input(
-            "camera.driver = \"gphoto2\" is not available in this version: use \"replay\" or \"simulated\"",
-        )),
+        (CameraDriver::Gphoto2 { .. }, _) => Err(bad_input(NO_GPHOTO2)),
         (CameraDriver::Replay { directory }, _) => {
             let (directory, exposures) = (directory.clone(), rig.plan.exposures.len());
             Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
         }
-        (CameraDriver::Simulated, Some(simulation)) if rig.arm.driver == ArmDriver::Simulated => {
+        (CameraDriver::Simulated, Some(simulation)) => {
             let (rig, simulation, pose, operator) = (rig.clone(), simulation.clone(), pose.clone(), operator.clone());
             Ok(Box::new(move || {
                 let camera = SimulatedCamera::new(&rig, &simulation, pose.clone(), CameraFaults::default());
                 Ok(Box::new(operator.attend(camera)) as Box<dyn Camera>)
             }))
         }
-        (CameraDriver::Simulated, _) => Err(bad_input(
-            "camera.driver = \"simulated\" photographs the simulated arm: set arm.driver = \"simulated\" as well",
-        )),
+        (CameraDriver::Simulated, None) => Err(bad_input("simulation: missing: a simulated driver needs the section")),
     }
 }
