@@ -44,6 +44,8 @@ pub enum Ended {
 enum Trouble {
     /// The arm must be recovered; then the station is shot again from its first exposure.
     Arm(String),
+    /// The camera answers, but none of its frames serves: the end of a session; an operator may help a calibration on.
+    Frame(String),
     /// The acquisition is over.
     End(Ended),
 }
@@ -52,6 +54,14 @@ impl From<Ended> for Trouble {
     fn from(ended: Ended) -> Self {
         Self::End(ended)
     }
+}
+
+/// Why a shot gave no frame.
+enum Rejected {
+    /// The frame is not what was asked for.
+    Frame(String),
+    /// The call failed; the driver was opened anew.
+    Call(String),
 }
 
 /// A running acquisition.
@@ -116,21 +126,22 @@ impl<'a> Acquisition<'a> {
             return self.guided(&plan);
         }
         for station in 0..self.work.stations() {
-            self.whole_station(station)?;
+            self.whole_station(station)?.map_err(Ended::Failed)?;
             self.hand_over(|session| Job::Develop { session, station })?;
         }
         Ok(())
     }
 
-    /// Shoots a station, however often the arm has to be recovered for it.
-    fn whole_station(&mut self, station: usize) -> Result<(), Ended> {
+    /// Shoots a station, however often the arm has to be recovered for it; the inner error says why its frames do not serve.
+    fn whole_station(&mut self, station: usize) -> Result<Result<(), String>, Ended> {
         while let Err(trouble) = self.shoot_station(station) {
             match trouble {
                 Trouble::Arm(reason) => self.recover(reason)?,
+                Trouble::Frame(reason) => return Ok(Err(reason)),
                 Trouble::End(ended) => return Err(ended),
             }
         }
-        Ok(())
+        Ok(Ok(()))
     }
 
     /// Devices open, arm homed, lamp warm.
@@ -205,18 +216,22 @@ impl<'a> Acquisition<'a> {
                         Err(error) => return Err(Ended::Failed(error.to_string()).into()),
                     }
                 }
-                Err(reason) => {
+                Err(refused) => {
                     let label = &shot.shutter.label;
+                    let (Rejected::Frame(reason) | Rejected::Call(reason)) = &refused;
                     let fields = json!({
                         "station": station, "exposure": exposure, "attempt": attempt, "shutter": label, "reason": reason
                     });
                     self.record("frame.rejected", fields)?;
                     rejected += 1;
                     if rejected > RETAKES {
-                        return Err(Ended::Failed(format!(
+                        let told = format!(
                             "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
-                        ))
-                        .into());
+                        );
+                        return Err(match refused {
+                            Rejected::Frame(_) => Trouble::Frame(told),
+                            Rejected::Call(_) => Ended::Failed(told).into(),
+                        });
                     }
                     self.safe_point()?;
                 }
@@ -233,19 +248,19 @@ impl<'a> Acquisition<'a> {
     }
 
     /// A verified frame, or the reason why it was refused; the outer error ends the bracket.
-    fn shoot(&mut self, shot: &Shot) -> Result<Result<(RawFrame, Fingerprint), String>, Ended> {
+    fn shoot(&mut self, shot: &Shot) -> Result<Result<(RawFrame, Fingerprint), Rejected>, Ended> {
         let taken = self.bench.camera().and_then(|camera| camera.shoot(shot, &self.book.cancel));
         let frame = match taken {
             Ok(frame) => frame,
             Err(CameraError::Cancelled) => return Err(self.asked_end()),
             Err(error @ CameraError::NoFrame { .. }) => return Err(Ended::Failed(error.to_string())),
-            Err(error) => return self.replace_camera(&error).map(Err),
+            Err(error) => return self.replace_camera(&error).map(|reason| Err(Rejected::Call(reason))),
         };
         let fingerprint = Fingerprint::of(&frame);
         let size = (self.rig.camera.width, self.rig.camera.height);
         let verdict = quality::check(&frame, shot, size, &fingerprint, self.last.as_ref());
         self.last = Some(fingerprint.clone());
-        Ok(verdict.map(|()| (frame, fingerprint)))
+        Ok(verdict.map(|()| (frame, fingerprint)).map_err(Rejected::Frame))
     }
 
     /// After a failed call the driver is opened anew; the reason for the journal is returned.
