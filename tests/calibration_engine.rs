@@ -1,126 +1,17 @@
 //! A whole calibration and a session that uses it, through the engine and the real pipeline, on the simulated stage whose truth is hidden.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use rig_config::Rig;
-use rigd::devices::Cancel;
-use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
+mod stage;
+
 use rigd::numerics::geometry::{Projection, Vec3};
-use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{CalibrationRequest, CalibrationSnapshot, EngineHandle, Step};
 use rigd::session::plan::StartRequest;
-use rigd::session::processing::PipelineProcessing;
 use rigd::session::state::{SessionState as S, Verb};
-use rigd::sim::camera::{CameraFaults, SimulatedCamera};
-use rigd::sim::pose::{Pose, SharedPose};
 use rigd::sim::stage::{Placed, StageHandle};
 use rigd::sim::world::World;
-use rigd::store::Store;
 use serde_json::Value;
-use std::path::Path;
-use std::time::{Duration, Instant};
-
-/// The shipped rig with fewer views of the board, exposures and stations, so that the test is short.
-fn text() -> String {
-    let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
-    let mut text = (*text).to_owned();
-    for (from, to) in [
-        ("board_views = 12", "board_views = 8"),
-        (
-            r#"["1/100", "1/40", "1/20", "1/8", "1/4", "0.6", "1.3", "3.2", "6", "15"]"#,
-            r#"["1/60", "1/15", "1/4", "1", "4"]"#,
-        ),
-    ] {
-        assert!(text.contains(from), "{from}");
-        text = text.replace(from, to);
-    }
-    text
-}
-
-/// An arm without a motor: it is where it is told to be.
-struct Mover(SharedPose);
-
-impl Mover {
-    fn set(&self, change: impl FnOnce(&mut Pose)) -> Result<ArmStatus, ArmError> {
-        let mut pose = self.0.get();
-        change(&mut pose);
-        self.0.set(pose);
-        let Pose { angle_deg, lamp_permille } = pose;
-        Ok(ArmStatus { angle_deg, homed: true, moving: false, lamp_permille, faults: 0 })
-    }
-}
-
-impl Arm for Mover {
-    fn identity(&self) -> ArmIdentity {
-        ArmIdentity { firmware: "mover 1".into(), boot_nonce: 1 }
-    }
-    fn home(&mut self, _: &Cancel) -> Result<ArmStatus, ArmError> {
-        self.set(|pose| pose.angle_deg = 0.0)
-    }
-    fn move_to(&mut self, angle_deg: f64, _: &Cancel) -> Result<ArmStatus, ArmError> {
-        self.set(|pose| pose.angle_deg = angle_deg)
-    }
-    fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
-        self.set(|pose| pose.lamp_permille = permille)
-    }
-    fn status(&mut self) -> Result<ArmStatus, ArmError> {
-        self.set(|_| {})
-    }
-    fn stop(&mut self) -> Result<ArmStatus, ArmError> {
-        self.set(|_| {})
-    }
-}
-
-fn engine(text: &str, data: &Path, stage: &StageHandle) -> (Rig, EngineHandle) {
-    let mut rig = Rig::from_toml(text, "test").unwrap();
-    let mut simulation = rig.simulation.clone().unwrap();
-    simulation.speed = f64::INFINITY;
-    rig.simulation = Some(simulation.clone());
-    let (pose, stage) = (SharedPose::default(), stage.clone());
-    let (arms, of_camera, sight) = (pose.clone(), rig.clone(), pose);
-    let parts = EngineParts {
-        rig: rig.clone(),
-        rig_text: text.to_owned(),
-        store: Store::open(data, 1 << 20).unwrap(),
-        open_arm: Box::new(move || Ok(Box::new(Mover(arms.clone())))),
-        open_camera: Box::new(move || {
-            let camera = SimulatedCamera::new(&of_camera, &simulation, sight.clone(), CameraFaults::default());
-            Ok(Box::new(camera.before(stage.clone())))
-        }),
-        remedies: Vec::new(),
-        processing: Box::new(PipelineProcessing::new(&rig)),
-        speed: 1e6,
-    };
-    (rig, start(parts).unwrap())
-}
-
-/// What the operator puts there for a step.
-fn placed(step: Step) -> Placed {
-    match step {
-        Step::Board { view, .. } => Placed::Board { view: view - 1 },
-        Step::Card => Placed::Card { on: 7 },
-        Step::Balls => Placed::Balls,
-        Step::Done => Placed::Sample,
-    }
-}
-
-fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let end = Instant::now() + Duration::from_secs(600);
-    loop {
-        if let Some(found) = look() {
-            return found;
-        }
-        assert!(Instant::now() < end, "waited in vain for {what}");
-        std::thread::sleep(Duration::from_millis(2));
-    }
-}
-
-/// Waits for the operator's next turn, or the end.
-fn turn(engine: &EngineHandle, id: &str) -> CalibrationSnapshot {
-    until("the operator's turn", || {
-        let now = engine.calibration(id).unwrap();
-        (now.state == S::Awaiting || now.state.is_final()).then_some(now)
-    })
-}
+use stage::{engine, placed, text, turn, until};
+use std::time::Instant;
 
 /// Does all that is asked for.
 fn calibrate(engine: &EngineHandle, stage: &StageHandle) -> CalibrationSnapshot {

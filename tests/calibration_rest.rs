@@ -4,6 +4,8 @@
 mod daemon;
 
 use daemon::Daemon;
+use rigd::store::RealDisk;
+use rigd::store::journal::Journal;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Stdio};
@@ -121,10 +123,89 @@ fn the_terminal_says_what_to_do_and_takes_up_a_run_that_waits() {
     assert_eq!(status, Some(1), "{out}{err}");
     assert!(out.contains("View 1 of 12: put the chessboard") && out.contains("board, view 1 of 12:"), "{out}");
     assert!(err.contains("still waits; run this again"), "{err}");
+    let (status, out, err) = run("shoot\nquit\n");
+    assert_eq!((status, out.matches("nothing is done: press Enter alone").count()), (Some(1), 2), "{out}{err}");
+    let shots = || daemon.get("/v1/calibrations").json()["calibrations"][0]["verdicts"].as_array().unwrap().len();
+    assert_eq!(shots(), 1, "words shoot nothing: {out}");
     let (status, out, err) = run("q\n");
     assert_eq!(status, Some(1), "{out}{err}");
     assert!(out.contains("is awaiting: taken up") && err.contains("is aborted"), "{out}{err}");
     let list = Command::new(env!("CARGO_BIN_EXE_rigd")).args(["calibrate", "list", "--url", &daemon.url()]).output();
     let list = String::from_utf8(list.unwrap().stdout).unwrap();
     assert!(list.starts_with("1  ") && list.contains("aborted"), "{list}");
+}
+
+/// What the killed daemon shot is kept, but not gone on with: board and card may have been moved since.
+#[test]
+fn a_run_whose_daemon_is_killed_in_an_exposure_is_interrupted_and_a_new_one_begins_at_the_first_view() {
+    let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
+    // The board's exposure lasts two seconds: time to kill it in the middle.
+    let text =
+        text.replace("speed = 40.0", "speed = 4.0").replace("board_exposure = \"1/4\"", "board_exposure = \"8\"");
+    let kept = tempfile::tempdir().unwrap();
+    let data = kept.path().join("data");
+    let mut daemon = Daemon::start_with(tempfile::tempdir().unwrap(), &text, &data);
+    let location = begin(&daemon);
+    wait(&daemon, &location, |run| run["state"] == "awaiting");
+    assert_eq!(daemon.call("POST", &format!("{location}/shoot"), &[], "").status, 202);
+    let until_moved = Instant::now() + PATIENCE;
+    let journal =
+        data.join("calibrations").join(location.strip_prefix("/v1/calibrations/").unwrap()).join("journal.jsonl");
+    while !std::fs::read_to_string(&journal).unwrap().contains("arm.moved") {
+        assert!(Instant::now() < until_moved);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    daemon.kill();
+
+    let daemon = Daemon::start_with(tempfile::tempdir().unwrap(), &text, &data);
+    let run = daemon.get(&location).json();
+    assert_eq!((&run["state"], &run["frames_committed"]), (&json!("interrupted"), &json!(0)), "{run}");
+    assert!(run["reason"].as_str().unwrap().contains("the daemon ended"), "{run}");
+    assert_eq!(daemon.call("POST", &format!("{location}/shoot"), &[], "").status, 409);
+    let again = begin(&daemon);
+    let waiting = wait(&daemon, &again, |run| run["state"] == "awaiting");
+    assert_eq!((&waiting["version"], &waiting["step"]["view"]), (&json!(2), &json!(1)));
+}
+
+#[test]
+fn a_damaged_result_is_a_problem_that_says_what_to_do() {
+    let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated-calibration").unwrap();
+    let kept = tempfile::tempdir().unwrap();
+    let data = kept.path().join("data");
+    let mut daemon = Daemon::start_with(tempfile::tempdir().unwrap(), text, &data);
+    let location = begin(&daemon);
+    wait(&daemon, &location, |run| run["state"] == "awaiting");
+    let id = location.strip_prefix("/v1/calibrations/").unwrap().to_owned();
+    daemon.kill();
+    // A run that ended well, whose result was then cut off.
+    let directory = data.join("calibrations").join(&id);
+    complete(&directory.join("journal.jsonl"), &id);
+    std::fs::create_dir(directory.join("result")).unwrap();
+    std::fs::write(directory.join("result/calibration.json"), "{\"format\": 1, \"id\"").unwrap();
+    let daemon = Daemon::start_with(tempfile::tempdir().unwrap(), text, &data);
+    let problem = daemon.get(&format!("{location}/result"));
+    assert_eq!(
+        (problem.status, problem.header("content-type")),
+        (409, Some("application/problem+json")),
+        "{}",
+        problem.text
+    );
+    let body = problem.json();
+    assert_eq!(body["type"], "urn:rigd:problem:calibration-damaged");
+    for word in [id.as_str(), "result/calibration.json", "calibrate anew"] {
+        assert!(body["detail"].as_str().unwrap().contains(word), "{word}: {body}");
+    }
+    assert_eq!(daemon.get("/v1/calibrations").json()["calibrations"][0]["state"], "completed");
+    let latest = daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], r#"{"calibration": "latest"}"#);
+    assert_eq!(latest.status, 422, "{}", latest.text);
+    let unasked = daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], "{}").json();
+    assert_eq!(unasked["calibration"], Value::Null);
+    assert!(unasked["warnings"][0].as_str().unwrap().contains(&id), "{unasked}");
+}
+
+/// Adds to the journal of a run that it was completed.
+fn complete(path: &std::path::Path, id: &str) {
+    let mut journal = Journal::open(path, id, true, std::sync::Arc::new(RealDisk)).unwrap();
+    let Value::Object(fields) = json!({"state": "completed", "reason": null}) else { unreachable!() };
+    journal.append("session.state", fields).unwrap();
 }

@@ -204,9 +204,22 @@ fn an_old_calibration_and_a_changed_rig_file_are_told() {
     assert!(warnings[0].contains("is 40 days old, more than 30"), "{warnings:?}");
     setup.calibrate(&engine, measured(true, true));
     engine.shutdown().unwrap();
-    drop(engine);
+    // Waits and the park position are no part of what was measured.
+    let mut waits = text();
+    for (from, to) in [
+        ("soak_s = 5.0", "soak_s = 6.0"),
+        ("settle_s = 0.5", "settle_s = 0.75"),
+        ("park_deg = 0.0", "park_deg = 1.0"),
+        ("home_timeout_s = 60.0", "home_timeout_s = 61.0"),
+    ] {
+        assert!(waits.contains(from), "{from}");
+        waits = waits.replace(from, to);
+    }
+    let engine = setup.engine(&waits);
+    assert_eq!(engine.plan(&request(None)).unwrap().warnings, Vec::<String>::new());
+    engine.shutdown().unwrap();
     let changes = [
-        ("[arm]", "settle_s = 0.5", "settle_s = 0.75"),
+        ("[arm]", "tolerance_deg = 0.05", "tolerance_deg = 0.1"),
         ("[lamp]", "level_permille = 800", "level_permille = 700"),
         ("[camera]", "f_number = 5.6", "f_number = 8.0"),
     ];
@@ -218,6 +231,48 @@ fn an_old_calibration_and_a_changed_rig_file_are_told() {
         assert!(warnings[0].contains(section) && warnings[0].contains("calibrate anew"), "{warnings:?}");
         engine.shutdown().unwrap();
     }
+}
+
+#[test]
+fn an_age_below_two_days_is_told_in_hours() {
+    let setup = Setup::new();
+    let engine = setup.engine(&text().replace("max_age_days = 30.0", "max_age_days = 0.5"));
+    let made = (jiff::Timestamp::now() - jiff::SignedDuration::from_mins(18 * 60 + 10)).to_string();
+    setup.calibrate(&engine, CalibrationFile { made, ..measured(true, true) });
+    let warnings = engine.plan(&request(None)).unwrap().warnings;
+    assert!(warnings[0].contains("is 18.2 hours old, more than 0.5 days"), "{warnings:?}");
+}
+
+#[test]
+fn a_damaged_or_lost_calibration_is_named_and_the_others_stay() {
+    let setup = Setup::new();
+    let engine = setup.engine(&text());
+    let sound = setup.calibrate(&engine, measured(true, true));
+    let damaged = setup.calibrate(&engine, measured(true, true));
+    let path = setup.data.path().join("calibrations").join(&damaged).join("result").join(NAME);
+    for content in [Some("{"), Some("{\"format\": 1}"), Some(""), None] {
+        match content {
+            Some(text) => std::fs::write(&path, text).unwrap(),
+            None => std::fs::remove_file(&path).unwrap(),
+        }
+        let reason = match engine.calibration_result(&damaged) {
+            Err(EngineError::DamagedCalibration { id, version: 2, reason }) if id == damaged => reason,
+            other => panic!("{other:?}"),
+        };
+        assert!(reason.contains(path.to_str().unwrap()) && reason.contains("calibrate anew"), "{reason}");
+        let refused = refusal(&engine, &request(Some("latest")));
+        assert!(refused.contains(&format!("calibration 2 ({damaged}) cannot be used")), "{refused}");
+        let plan = engine.plan(&request(None)).unwrap();
+        assert_eq!(used(&plan), None);
+        assert!(
+            plan.warnings[0].contains(&damaged) && plan.warnings[0].contains("the rig file's"),
+            "{:?}",
+            plan.warnings
+        );
+        assert_eq!(used(&engine.plan(&request(Some(&sound))).unwrap()), Some(sound.as_str()));
+        assert_eq!(engine.calibrations().len(), 2);
+    }
+    assert!(engine.calibration_result(&sound).unwrap().is_some());
 }
 
 #[test]

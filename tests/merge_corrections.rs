@@ -151,3 +151,43 @@ fn a_drifting_lamp_is_brought_back_by_the_patch() {
     image.valid.pixels.fill(false);
     assert_eq!(patch.mean(&image), Err(PatchError::TooFew { valid: 0 }));
 }
+
+/// A folder as `rigd merge` takes it, with one dark frame of these levels; what it says.
+fn merge_with_dark(level: impl Fn(u32, u32) -> u8) -> (bool, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let (width, height) = (64_u32, 48_u32);
+    let save = |name: &str, level: &dyn Fn(u32, u32) -> u8| {
+        let bytes: Vec<u8> =
+            (0..height).flat_map(|y| (0..width).flat_map(move |x| [(x, y); 3])).map(|(x, y)| level(x, y)).collect();
+        image::save_buffer(folder.path().join(name), &bytes, width, height, image::ExtendedColorType::Rgb8).unwrap();
+    };
+    let mut list = String::new();
+    for k in 0..7_i32 {
+        let time_s = 2_f64.powi(k) / 8.0;
+        let shown = move |x: u32, y: u32| {
+            let radiance = 0.01 * 300_f64.powf(f64::from(x + width * y) / f64::from(width * height));
+            (255.0 * (radiance * time_s).min(1.0).powf(1.0 / 2.2)) as u8
+        };
+        save(&format!("{k}.png"), &shown);
+        list += &format!("[[frame]]\nfile = \"{k}.png\"\ntime_s = {time_s:?}\n");
+    }
+    save("dark.png", &level);
+    list += "[[dark]]\nfile = \"dark.png\"\ntime_s = 8.0\n";
+    std::fs::write(folder.path().join("exposures.toml"), list).unwrap();
+    let output =
+        std::process::Command::new(env!("CARGO_BIN_EXE_rigd")).arg("merge").arg(folder.path()).output().unwrap();
+    let text = [output.stdout, output.stderr].concat();
+    (output.status.success(), String::from_utf8_lossy(&text).into_owned())
+}
+
+#[test]
+fn a_dark_frame_that_shows_light_is_named_and_refused() {
+    let (merged, said) = merge_with_dark(|x, y| if x % 13 == 5 && y % 17 == 3 { 200 } else { (x / 10) as u8 });
+    assert!(merged && said.contains("dark frames: "), "a glow and hot pixels are no light: {said}");
+    let whole = |_: u32, _: u32| 60;
+    let window = |x: u32, y: u32| if x < 16 && y < 12 { 140 } else { 2 };
+    for (merged, said) in [merge_with_dark(whole), merge_with_dark(window)] {
+        assert!(!merged && said.contains("dark.png is listed as a dark frame"), "{said}");
+        assert!(said.contains("lens cap") && said.contains("room light"), "{said}");
+    }
+}

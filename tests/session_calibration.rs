@@ -3,12 +3,13 @@
 mod support;
 
 use rig_config::{Calibration, Rig, Shutter};
+use rigd::devices::camera::CameraError;
 use rigd::session::handle::{CalibrationRequest, CalibrationSnapshot, EngineError, EngineHandle, Step};
 use rigd::session::plan::StartRequest;
 use rigd::session::state::{SessionState as S, Verb};
 use serde_json::json;
 use std::path::Path;
-use support::{Fakes, LEVEL, until};
+use support::{Act, Fakes, LEVEL, until};
 
 /// Three views, two balls' stations of which one lights the card.
 fn rig() -> Rig {
@@ -200,6 +201,61 @@ fn an_arm_that_falls_silent_is_recovered_within_a_step() {
     assert_eq!(support::events(&engine, &id, "fault.raised").len(), 1);
     assert_eq!(engine.calibration(&id).unwrap().frames_committed, 12);
     fakes.assert_safe();
+}
+
+/// Three bad frames end a session; in a calibration somebody stands there who can put it right.
+#[test]
+fn a_frame_fault_is_asked_again_and_a_lost_camera_ends_the_run() {
+    let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());
+    // Shots 3 to 5 are the card's first exposure.
+    fakes.on_shot(|_, count, _| match count {
+        3..6 => Act::Bytes(b"no picture".to_vec()),
+        _ => Act::Good,
+    });
+    let running = engine(&fakes, data.path());
+    let id = begin(&running);
+    let [one, two, three, card, balls] = steps();
+    for step in [one, two, three, card, card, balls] {
+        shoot(&running, &id, step);
+    }
+    let end = wait(&running, &id, |run| run.state == S::Completed);
+    let refused = &end.verdicts[3];
+    let reason = refused.reason.as_ref().unwrap();
+    assert!(!refused.accepted && refused.step == card, "{refused:?}");
+    assert!(reason.contains("refused 3 times") && reason.contains("set the camera to JPEG"), "{reason}");
+    assert_eq!((end.steps_accepted, end.frames_committed), (5, 12));
+    fakes.assert_safe();
+
+    let gone = || Act::Fail(CameraError::Unusable { reason: "unplugged".into() });
+    let first = fakes.world().shots.len();
+    fakes.on_shot(move |_, count, _| if count > first { gone() } else { Act::Good });
+    let id = begin(&running);
+    shoot(&running, &id, one);
+    shoot(&running, &id, two);
+    until("the failure", || running.calibration(&id).unwrap().state == S::Failed);
+    assert!(running.calibration(&id).unwrap().reason.unwrap().contains("unplugged"));
+    fakes.assert_safe();
+}
+
+/// Who starts another daemon at once must not find the directory locked, even if the worker was in the middle of something.
+#[test]
+fn the_data_directory_is_free_when_shutdown_returns() {
+    let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());
+    fakes.on_step(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        None
+    });
+    for _ in 0..3 {
+        let running = engine(&fakes, data.path());
+        let id = begin(&running);
+        shoot(&running, &id, steps()[0]);
+        until("the worker", || !fakes.world().judged.is_empty());
+        running.shutdown().unwrap();
+        assert!(rigd::store::Store::open(data.path(), 0).is_ok(), "the lock is free while a handle is still held");
+        assert_eq!(running.calibration(&id).unwrap().state, S::Interrupted);
+        assert_eq!(running.start_calibration(&CalibrationRequest::default()), Err(EngineError::Gone));
+        fakes.world().judged.clear();
+    }
 }
 
 #[test]

@@ -96,6 +96,12 @@ fn drivers(view: &View, found: &mut Found) {
     if view.text("arm.grbl_lamp") == Some("coolant") && level.is_some_and(|level| level != 1000.0) {
         found.refuse("lamp.level_permille", "a lamp on the coolant output is on or off: set 1000");
     }
+    if camera == Some("simulated") && arm.is_some_and(|arm| arm != "simulated") {
+        found.refuse(
+            "camera.driver",
+            "\"simulated\" photographs the simulated arm: set arm.driver = \"simulated\" as well",
+        );
+    }
     let simulated = [arm, camera].contains(&Some("simulated"));
     let present = view.raw("simulation").is_some();
     if simulated && !present {

@@ -1,5 +1,6 @@
 //! `rigd config`: the rig file's schema, and a check of a file.
 
+use super::daemon::missing_drivers;
 use super::serve::read_rig;
 use std::io::Write;
 use std::path::PathBuf;
@@ -35,6 +36,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Command::Check { file } => {
             let (rig, _) = read_rig(file)?;
             writeln!(out, "{}: sound ({})", file.display(), rig.name)?;
+            if let Some(missing) = missing_drivers(&rig) {
+                writeln!(out, "rigd serve refuses it all the same: {missing}")?;
+            }
         }
         Command::Show { name } => {
             let known: Vec<&str> = rig_config::SHIPPED.iter().map(|(name, _)| *name).collect();

@@ -37,7 +37,6 @@ pub struct Daemon {
     /// Where it listens: `http://127.0.0.1:PORT`.
     pub url: String,
     engine: EngineHandle,
-    operator: Operator,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -49,6 +48,9 @@ impl Daemon {
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken.
     pub async fn start(rig: Rig, rig_text: String) -> anyhow::Result<Self> {
         let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
+        if let Some(missing) = missing_drivers(&rig) {
+            return Err(bad_input(missing));
+        }
         let speed = rig.simulation.as_ref().map_or(1.0, |s| s.speed);
         let parts = EngineParts {
             open_arm: arm_factory(&rig, &pose)?,
@@ -64,17 +66,16 @@ impl Daemon {
         let listener = bind(listen).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
-        operator.serve(Some(engine.clone()));
+        operator.serve(engine.clone());
         let shutdown = CancellationToken::new();
         let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
         let http = tokio::spawn(http::serve(listener, state));
-        Ok(Self { url, engine, operator, shutdown, http })
+        Ok(Self { url, engine, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
     pub async fn stop(self) -> anyhow::Result<()> {
         let engine = self.engine;
-        self.operator.serve(None);
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
@@ -94,6 +95,25 @@ async fn bind(listen: SocketAddr) -> anyhow::Result<TcpListener> {
     TcpListener::bind(listen)
         .await
         .map_err(|e| bad_input(format!("cannot listen on {listen}: {e}; choose another with --listen 127.0.0.1:0")))
+}
+
+/// What keeps this build from driving a rig whose file is sound: [`Daemon::start`] refuses it.
+pub fn missing_drivers(rig: &Rig) -> Option<String> {
+    let CameraDriver::Gphoto2 { .. } = rig.camera.driver else { return None };
+    match camera_worker() {
+        Ok(program) if program.is_file() => None,
+        Ok(program) => Some(format!(
+            "camera.driver = \"gphoto2\" needs {}: build it with `cargo build --release -p camera-worker` (Debian: libgphoto2-dev, \
+             libclang-dev, pkg-config) and put it beside rigd",
+            program.display()
+        )),
+        Err(error) => Some(error.to_string()),
+    }
+}
+
+/// The program beside this one that drives a camera through libgphoto2.
+fn camera_worker() -> std::io::Result<PathBuf> {
+    Ok(std::env::current_exe()?.with_file_name("camera-worker"))
 }
 
 fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
@@ -132,21 +152,17 @@ fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator, body: &Know
             let (directory, exposures) = (directory.clone(), rig.plan.exposures.len());
             Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
         }
-        (CameraDriver::Simulated, Some(simulation)) if rig.arm.driver == ArmDriver::Simulated => {
+        (CameraDriver::Simulated, Some(simulation)) => {
             let (rig, simulation, pose, operator) = (rig.clone(), simulation.clone(), pose.clone(), operator.clone());
             Ok(Box::new(move || {
                 let camera = SimulatedCamera::new(&rig, &simulation, pose.clone(), CameraFaults::default());
                 Ok(Box::new(operator.attend(camera)) as Box<dyn Camera>)
             }))
         }
-        (CameraDriver::Simulated, _) => Err(bad_input(
-            "camera.driver = \"simulated\" photographs the simulated arm: set arm.driver = \"simulated\" as well",
-        )),
+        (CameraDriver::Simulated, None) => Err(bad_input("simulation: missing: a simulated driver needs the section")),
     }
 }
 
-/// The program beside this one that drives a camera through libgphoto2.
-const CAMERA_WORKER: &str = "camera-worker";
 /// Directory for libgphoto2's settings, beside the sessions.
 const CAMERA_HOME: &str = "camera-home";
 
@@ -154,8 +170,7 @@ fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gphoto2Settin
     let CameraDriver::Gphoto2 { model, port, .. } = &rig.camera.driver else {
         return Err(bad_input("camera.driver is not \"gphoto2\""));
     };
-    let program =
-        std::env::current_exe().context("this program's own path is not known")?.with_file_name(CAMERA_WORKER);
+    let program = camera_worker().context("this program's own path is not known")?;
     let home = rig.storage.data.join(CAMERA_HOME);
     let worker = WorkerCommand { program, home, environment: Vec::new() };
     Ok(Gphoto2Settings { worker, model: model.clone(), port: port.clone(), body: body.clone() })

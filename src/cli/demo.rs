@@ -15,7 +15,7 @@ use anyhow::{Context, bail};
 use rig_config::{Rig, Scene};
 use std::fmt::Display;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tokio::signal::unix::{SignalKind, signal};
 use truth::{Verdict, compare};
 
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                     Daemon::stop(earlier).await?;
                 }
             }
-            let daemon = started(&rig, if args.calibrate && index > 0 { LETS_GO } else { Duration::ZERO }).await?;
+            let daemon = Daemon::start(rig.0.clone(), rig.1.clone()).await?;
             let url = daemon.url.clone();
             daemons.push(daemon);
             let first = args.calibrate && index == 0;
@@ -123,20 +123,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         Ok(())
     })
-}
-
-/// The threads of a daemon let go of its data directory a moment after it has ended, at most this long.
-const LETS_GO: Duration = Duration::from_secs(10);
-
-/// Starts a daemon; tries for `patience` if another one is still letting go of the data directory.
-async fn started(rig: &(Rig, String), patience: Duration) -> anyhow::Result<Daemon> {
-    let begin = Instant::now();
-    loop {
-        match Daemon::start(rig.0.clone(), rig.1.clone()).await {
-            Err(_) if begin.elapsed() < patience => tokio::time::sleep(Duration::from_millis(100)).await,
-            answer => return answer,
-        }
-    }
 }
 
 /// Whether one ball's material, and the calibration before it, kept their limits.

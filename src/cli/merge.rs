@@ -15,7 +15,7 @@ use crate::numerics::radiometry::noise::SensorNoise;
 use crate::numerics::radiometry::response::Response;
 use crate::pipeline::calibration::response::{Calibrated, Method, ResponseCalibration, calibrate};
 use crate::pipeline::develop::{BracketFrame, read_bracket};
-use corrections::{Corrections, Merge, Rows};
+use corrections::{Corrections, Merge, Rows, check_dark};
 use list::{Folder, Frame};
 use std::path::{Path, PathBuf};
 
@@ -137,7 +137,10 @@ fn merge(dir: &Path, folder: Folder) -> Result<Merged, MergeInputError> {
     let calibrated = calibrate(decode(dir, &frames)?, Method::Debevec).map_err(|e| refuse(dir, e))?;
     let Calibrated { calibration, bracket, pairs } = calibrated;
     let response = calibration.response().map_err(MergeInputError)?;
-    let dark = optional(dir, &dark, &bracket, |frames| Ok(Dark::new(frames, &response, &TYPICAL_SENSOR)))?;
+    let dark = optional(dir, &dark, &bracket, |frames| {
+        check_dark(frames).map_err(|e| refuse(dir, e))?;
+        Ok(Dark::new(frames, &response, &TYPICAL_SENSOR))
+    })?;
     let flat = optional(dir, &flat, &bracket, |frames| Flat::new(frames, &response).map_err(|e| refuse(dir, e)))?;
     let corrections = Corrections { dark, flat, reference };
     Ok(Merged { bracket, calibration, pairs, response, corrections, dir: dir.to_owned() })

@@ -73,7 +73,7 @@ pub(super) async fn show(
         (status = 200, body = Object, description = "The calibration."),
         (status = 400, description = "The path is no UTF-8."),
         (status = 404, description = "No such calibration."),
-        (status = 409, description = "No result in `current_state`."),
+        (status = 409, description = "No result in `current_state`; or, without it, `calibration.json` is damaged or gone: `detail` says what to do."),
     ))]
 pub(super) async fn result(
     State(state): State<HttpState>,

@@ -119,6 +119,9 @@ impl From<EngineError> for Problem {
         let of = |status, kind, title| Self::new(status, kind, title, &detail);
         match error {
             EngineError::UnknownSession { .. } | EngineError::UnknownCalibration { .. } => Self::not_found(detail),
+            EngineError::DamagedCalibration { .. } => {
+                of(StatusCode::CONFLICT, "calibration-damaged", "The calibration is damaged")
+            }
             EngineError::Plan(plan) => {
                 let problem = of(StatusCode::UNPROCESSABLE_ENTITY, "plan-refused", "The plan is refused");
                 Self { reasons: Some(plan.reasons), ..problem }

@@ -46,6 +46,8 @@ pub enum Ended {
 enum Trouble {
     /// The arm must be recovered; then the station is shot again from its first exposure.
     Arm(String),
+    /// The camera answers, but none of its frames serves: the end of a session; an operator may help a calibration on.
+    Frame(String),
     /// The acquisition is over.
     End(Ended),
 }
@@ -121,21 +123,22 @@ impl<'a> Acquisition<'a> {
             return self.guided(&plan);
         }
         for station in 0..self.work.stations() {
-            self.whole_station(station)?;
+            self.whole_station(station)?.map_err(Ended::Interrupted)?;
             self.hand_over(|session| Job::Develop { session, station })?;
         }
         Ok(())
     }
 
-    /// Shoots a station, however often the arm has to be recovered for it.
-    fn whole_station(&mut self, station: usize) -> Result<(), Ended> {
+    /// Shoots a station, however often the arm has to be recovered for it; the inner error says why its frames do not serve.
+    fn whole_station(&mut self, station: usize) -> Result<Result<(), String>, Ended> {
         while let Err(trouble) = self.shoot_station(station) {
             match trouble {
                 Trouble::Arm(reason) => self.recover(reason)?,
+                Trouble::Frame(reason) => return Ok(Err(reason)),
                 Trouble::End(ended) => return Err(ended),
             }
         }
-        Ok(())
+        Ok(Ok(()))
     }
 
     /// Devices open, arm homed, lamp warm.
@@ -216,10 +219,9 @@ impl<'a> Acquisition<'a> {
                     rejected += 1;
                     if rejected > RETAKES {
                         let label = &shot.shutter.label;
-                        return Err(Ended::Interrupted(format!(
+                        return Err(Trouble::Frame(format!(
                             "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
-                        ))
-                        .into());
+                        )));
                     }
                 }
             }

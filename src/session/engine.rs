@@ -15,6 +15,7 @@ use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::JoinHandle;
 
 /// What the composition root gives the engine.
 pub struct EngineParts {
@@ -46,10 +47,15 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
-    let jobs = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
+    let (jobs, worker) = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
     let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0);
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
-    std::thread::Builder::new().name("engine".into()).spawn(move || engine.run()).map_err(no_thread)?;
+    let end = End { book: Arc::clone(&book), jobs: jobs.clone(), worker: Some(worker) };
+    let run = move || {
+        let _end = end;
+        engine.run();
+    };
+    std::thread::Builder::new().name("engine".into()).spawn(run).map_err(no_thread)?;
     Ok(EngineHandle::new(book, rig, rig_text, jobs, speed, least_exposures))
 }
 
@@ -63,7 +69,6 @@ struct Engine {
 
 impl Engine {
     fn run(mut self) {
-        let _end = End(Arc::clone(&self.book));
         for fault in self.bench.clean_up() {
             tracing::error!(fault, "clean-up after a crash");
         }
@@ -165,13 +170,23 @@ impl Engine {
     }
 }
 
-/// Says that the engine's thread has ended, even when it panicked.
-struct End(Arc<Book>);
+/// Says that the engine has ended, even when its thread panicked, then waits for the worker: nothing of this process writes after
+/// that, so the data directory is let go.
+struct End {
+    book: Arc<Book>,
+    jobs: SyncSender<Job>,
+    worker: Option<JoinHandle<()>>,
+}
 
 impl Drop for End {
     fn drop(&mut self) {
-        self.0.lock().ended = true;
-        self.0.nudge();
+        self.book.lock().ended = true;
+        self.book.nudge();
+        // Either fails only where the worker has ended by itself, which is what is waited for.
+        let _ = self.jobs.send(Job::End);
+        let _ = self.worker.take().map(JoinHandle::join);
+        self.book.lock().store.release();
+        self.book.nudge();
     }
 }
 

@@ -81,6 +81,16 @@ pub enum EngineError {
         /// The id asked for.
         id: String,
     },
+    /// What a completed calibration measured is damaged or gone.
+    #[error("calibration {version} ({id}) cannot be used: {reason}")]
+    DamagedCalibration {
+        /// Id of the run.
+        id: String,
+        /// Its consecutive number.
+        version: u64,
+        /// The file, what is wrong with it, and what to do.
+        reason: String,
+    },
     /// The request is no plan.
     #[error("the plan is refused: {0}")]
     Plan(#[from] PlanError),
@@ -132,7 +142,7 @@ pub struct Started {
     pub replayed: bool,
 }
 
-/// Longest wait for the clean-up at the daemon's end: a shot that must come back and the way to the park position.
+/// Longest wait at the daemon's end for the clean-up (a shot that must come back, the way to the park position), and for the worker.
 const SHUTDOWN: Duration = Duration::from_secs(90);
 
 /// Handle on the engine.
@@ -302,15 +312,17 @@ impl EngineHandle {
         if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }
 
-    /// Ends the engine: a running session is broken off, cleaned up and marked interrupted. Returns once that is done.
+    /// Ends the engine: a running session is broken off, cleaned up and marked interrupted. Returns once that is done, the worker
+    /// has put down its work, and the data directory is free for another daemon.
     pub fn shutdown(&self) -> Result<(), EngineError> {
         self.book.lock().shutdown = true;
         self.book.cancel.cancel();
         self.book.nudge();
-        self.book.wait(SHUTDOWN, |inner| inner.ended.then_some(())).ok_or_else(|| {
-            let waited = SHUTDOWN.as_secs();
-            EngineError::Storage(format!("no clean-up within {waited} s: switch the lamp's supply off by hand"))
-        })
+        let late = |what: &str| EngineError::Storage(format!("{what} within {} s", SHUTDOWN.as_secs()));
+        let cleaned = self.book.wait(SHUTDOWN, |inner| inner.ended.then_some(()));
+        cleaned.ok_or_else(|| late("switch the lamp's supply off by hand: no clean-up"))?;
+        let free = self.book.wait(SHUTDOWN, |inner| (!inner.store.is_held()).then_some(()));
+        free.ok_or_else(|| late("rig and lamp are safe, but developing or fitting did not end"))
     }
 }
 

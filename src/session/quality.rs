@@ -117,15 +117,16 @@ fn check_settings(exif: &Exif, shot: &Shot) -> Result<(), String> {
 
 fn check_new(this: &Fingerprint, last: &Fingerprint) -> Result<(), String> {
     if this.blake3 == last.blake3 {
-        return Err("it is the last frame again, byte for byte".into());
+        return Err("it is the last frame again, byte for byte: switch the camera off and on".into());
     }
     if this.number.is_some() && this.number == last.number {
-        return Err(format!("it is picture {} again", this.number.as_deref().unwrap_or_default()));
+        let number = this.number.as_deref().unwrap_or_default();
+        return Err(format!("it is picture {number} again: switch the camera off and on"));
     }
     match (&this.taken, &last.taken) {
-        (Some(this), Some(last)) if this < last => {
-            Err(format!("it was taken at {this}, before the last frame ({last}): a stale picture"))
-        }
+        (Some(this), Some(last)) if this < last => Err(format!(
+            "it was taken at {this}, before the last frame ({last}), a stale picture: switch the camera off and on"
+        )),
         _ => Ok(()),
     }
 }

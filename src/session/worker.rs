@@ -14,6 +14,7 @@ use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Jobs that may wait: beyond it the engine waits too, so that frames never pile up unseen.
@@ -39,6 +40,8 @@ pub enum Job {
         /// Told what it is worth.
         done: SyncSender<Result<Judged, Fault>>,
     },
+    /// Nothing more: the worker ends.
+    End,
     /// Fit what is complete.
     Fit {
         /// Session id.
@@ -58,12 +61,16 @@ pub struct Fault {
     pub lack: Option<Lack>,
 }
 
-/// Starts the worker's thread; it ends when every sender is gone.
-pub fn spawn(book: Arc<Book>, rig: Rig, processing: Box<dyn Processing>) -> std::io::Result<SyncSender<Job>> {
+/// Starts the worker's thread; it ends with [`Job::End`], or when every sender is gone.
+pub fn spawn(
+    book: Arc<Book>,
+    rig: Rig,
+    processing: Box<dyn Processing>,
+) -> std::io::Result<(SyncSender<Job>, JoinHandle<()>)> {
     let (sender, jobs) = sync_channel(QUEUE);
     let worker = Worker { book, rig, processing };
-    std::thread::Builder::new().name("worker".into()).spawn(move || worker.run(&jobs))?;
-    Ok(sender)
+    let thread = std::thread::Builder::new().name("worker".into()).spawn(move || worker.run(&jobs))?;
+    Ok((sender, thread))
 }
 
 struct Worker {
@@ -76,6 +83,7 @@ impl Worker {
     fn run(mut self, jobs: &Receiver<Job>) {
         for job in jobs {
             match job {
+                Job::End => return,
                 Job::Develop { session, station } => self.develop_live(&session, station),
                 Job::Judge { session, step, done } => {
                     let judged = self.judge(&session, step).map_err(|reason| self.fault(&session, &reason));

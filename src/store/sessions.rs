@@ -11,12 +11,12 @@ use std::sync::Arc;
 /// Prefix of a session directory that is still being made.
 const UNFINISHED: &str = ".new-";
 
-/// The data directory, held exclusively for as long as this value lives.
+/// The data directory, held exclusively until it is released or this value is gone.
 pub struct Store {
     directory: PathBuf,
     reserve_bytes: u64,
     disk: Arc<dyn Disk>,
-    _lock: File,
+    lock: Option<File>,
 }
 
 /// A session found on disk.
@@ -48,7 +48,17 @@ impl Store {
             TryLockError::WouldBlock => StoreError::Locked { path: path.display().to_string() },
             TryLockError::Error(error) => io_error("lock", &path, &error),
         })?;
-        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, _lock: lock })
+        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, lock: Some(lock) })
+    }
+
+    /// Lets another daemon open the directory. Called once nothing writes any more; what is on disk can still be read.
+    pub fn release(&mut self) {
+        self.lock = None;
+    }
+
+    /// True until [`Store::release`].
+    pub fn is_held(&self) -> bool {
+        self.lock.is_some()
     }
 
     /// The disk, for frame writes outside the store's owner.

@@ -183,7 +183,7 @@ impl Fakes {
 
     /// An engine whose manifests hold this rig file.
     pub fn engine_of(&self, data: &Path, rig: Rig, rig_text: &str) -> Result<EngineHandle, EngineError> {
-        let store = self.store(data);
+        let store = Store::open_on(data, 1000, self.disk.clone()).unwrap();
         let (arm, camera) = (self.clone(), self.clone());
         start(EngineParts {
             rig,
@@ -195,18 +195,6 @@ impl Fakes {
             processing: Box::new(FakeProcessing(self.clone())),
             speed: 10_000.0,
         })
-    }
-
-    /// Opens the store; an engine that has just ended may still be letting go of it.
-    fn store(&self, data: &Path) -> Store {
-        let end = Instant::now() + Duration::from_secs(10);
-        loop {
-            match Store::open_on(data, 1000, self.disk.clone()) {
-                Ok(store) => return store,
-                Err(error) => assert!(Instant::now() < end, "{error}"),
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
     }
 
     fn open_arm(&self) -> Result<Box<dyn Arm>, ArmError> {

@@ -81,17 +81,33 @@ fn begin(client: &Client, name: Option<String>) -> anyhow::Result<String> {
 fn ask(client: &Client, now: &CalibrationSnapshot) -> anyhow::Result<()> {
     print_line(format!("\n{}", now.instruction.as_deref().unwrap_or_default()))?;
     let mut out = std::io::stdout();
-    write!(out, "Enter shoots, q and Enter aborts: ").and_then(|()| out.flush())?;
-    let mut line = String::new();
-    let ended = std::io::stdin().lock().read_line(&mut line)? == 0;
-    if ended {
-        bail!("no more input: calibration {} still waits; run this again to take it up", now.id);
-    }
-    let verb = if line.trim().eq_ignore_ascii_case("q") { Verb::Abort } else { Verb::Shoot };
+    let verb = loop {
+        write!(out, "Enter shoots, q and Enter aborts: ").and_then(|()| out.flush())?;
+        let mut line = String::new();
+        if std::io::stdin().lock().read_line(&mut line)? == 0 {
+            bail!("no more input: calibration {} still waits; run this again to take it up", now.id);
+        }
+        match verb(&line) {
+            Some(verb) => break verb,
+            None => print_line(HELP)?,
+        }
+    };
     match client.command_calibration(&now.id, verb) {
         // Somebody else was faster: the next look tells.
         Err(ClientError::Refused(problem)) if problem.current_state.is_some() => Ok(()),
         answer => Ok(answer.map(|_| ())?),
+    }
+}
+
+const HELP: &str = "\
+nothing is done: press Enter alone when what is asked for is in place, q and Enter to abort the calibration; Ctrl-C leaves it waiting";
+
+/// What a line means: a stray word must neither shoot nor abort.
+fn verb(line: &str) -> Option<Verb> {
+    match line.trim() {
+        "" => Some(Verb::Shoot),
+        "q" | "Q" => Some(Verb::Abort),
+        _ => None,
     }
 }
 

@@ -15,9 +15,9 @@ pub(super) struct Operator {
 }
 
 impl Operator {
-    /// From now on this engine is asked; with none, the operator leaves: who holds an engine's handle holds its data directory.
-    pub(super) fn serve(&self, engine: Option<EngineHandle>) {
-        *self.engine.lock().unwrap_or_else(PoisonError::into_inner) = engine;
+    /// From now on this engine is asked.
+    pub(super) fn serve(&self, engine: EngineHandle) {
+        *self.engine.lock().unwrap_or_else(PoisonError::into_inner) = Some(engine);
     }
 
     /// A camera before which everything is in place when it shoots.

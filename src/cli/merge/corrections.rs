@@ -2,6 +2,7 @@
 
 use super::list::Reference;
 use crate::numerics::image::RadianceImage;
+use crate::numerics::radiometry::bracket::Bracket;
 use crate::numerics::radiometry::dark::Dark;
 use crate::numerics::radiometry::drift::{PatchError, PatchMean};
 use crate::numerics::radiometry::flat::Flat;
@@ -25,6 +26,45 @@ impl Corrections {
         let Some(dark) = &self.dark else { return String::new() };
         format!("dark frames: {} hot pixels left out\n", dark.hot_pixels())
     }
+}
+
+/// Light in a frame that should be dark: this level of 255, from which the camera has taken the common dark signal off, or this
+/// share of saturation in a linear one, where half a minute on a warm sensor glows by several percent; in a larger share of the
+/// pixels than are ever hot.
+const LIT_LEVEL: u8 = 32;
+const LIT_SIGNAL: f32 = 0.1;
+const LIT_SHARE: f64 = 0.01;
+
+/// Refuses dark frames that show light.
+///
+/// # Errors
+/// Which, how much of it, and what to do.
+pub(super) fn check_dark(frames: &Bracket) -> Result<(), String> {
+    frames.exposures().iter().try_for_each(|frame| {
+        let lit = frame.levels.pixels.iter().filter(|pixel| pixel.iter().any(|&level| level >= LIT_LEVEL)).count();
+        refuse_lit(&frame.name, lit, frame.levels.pixels.len())
+    })
+}
+
+/// The same of dark frames `names` as merged, radiance 1 saturating in a second; `longest_s` is the longest of their times, seconds.
+///
+/// # Errors
+/// As [`check_dark`].
+pub(super) fn check_dark_radiance(names: &str, dark: &RadianceImage, longest_s: f64) -> Result<(), String> {
+    let lit = dark.radiance.pixels.iter().filter(|rate| rate.iter().any(|&rate| rate * longest_s as f32 >= LIT_SIGNAL));
+    refuse_lit(names, lit.count(), dark.radiance.pixels.len())
+}
+
+fn refuse_lit(name: &str, lit: usize, pixels: usize) -> Result<(), String> {
+    let share = lit as f64 / pixels.max(1) as f64;
+    if share <= LIT_SHARE {
+        return Ok(());
+    }
+    Err(format!(
+        "{name} is listed as a dark frame, but {:.0} % of it show light: put the lens cap on, switch lamp and room light off, close the \
+         enclosure and shoot it again, or leave it out",
+        100.0 * share
+    ))
 }
 
 /// Merges rows from one on into a strip.

@@ -1,6 +1,6 @@
 //! `rigd merge` on Canon raw files: no response, merged on the mosaic, half-size.
 
-use super::corrections::{Corrections, Rows};
+use super::corrections::{Corrections, Rows, check_dark_radiance};
 use super::list::{Folder, Frame};
 use super::{MergeInputError, attributes, refuse, same_size};
 use crate::cli::calibrate::response::times_table;
@@ -61,7 +61,10 @@ fn dark_of(dir: &Path, files: &[Frame], size: (usize, usize)) -> Result<Option<D
     let times: Vec<f64> = frames.times_s().iter().map(|&time| power_of_two_s(time).unwrap_or(time)).collect();
     let longest = times.iter().copied().fold(0.0, f64::max);
     let frames = frames.with_times(&times).map_err(|e| refuse(dir, e))?;
-    Ok(Some(Dark::of_radiance(merger(dir, &frames, Estimator::InverseVariance)?.whole(), longest)))
+    let shown = merger(dir, &frames, Estimator::InverseVariance)?.whole();
+    let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+    check_dark_radiance(&names.join(", "), &shown, longest).map_err(|e| refuse(dir, e))?;
+    Ok(Some(Dark::of_radiance(shown, longest)))
 }
 
 /// The flat field of single frames, one in memory at a time; none without them.

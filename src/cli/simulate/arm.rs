@@ -41,11 +41,11 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 /// A symbolic link to the PTY, removed when dropped.
-struct Link<'a>(&'a Path);
+pub(super) struct Link<'a>(&'a Path);
 
 impl<'a> Link<'a> {
     /// A link left by an earlier run is replaced; anything else by that name is refused.
-    fn make(link: &'a Path, target: &Path) -> anyhow::Result<Self> {
+    pub(super) fn make(link: &'a Path, target: &Path) -> anyhow::Result<Self> {
         match fs::symlink_metadata(link) {
             Ok(found) if found.is_symlink() => fs::remove_file(link)?,
             Ok(_) => {

@@ -1,4 +1,7 @@
-//! `rigd simulate camera`: the simulated camera by itself, shooting a rig's plan into a folder.
+//! `rigd simulate camera`: the simulated camera by itself, shooting a rig's plan into a folder, or on a loopback port for anyone's
+//! libgphoto2.
+
+mod eos;
 
 use crate::cli::error::{bad_input, print_line};
 use crate::devices::Cancel;
@@ -12,15 +15,22 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Shoots the rig file's plan, arm and camera simulated, as fast as it goes.
+/// Shoots the rig file's plan, arm and camera simulated, as fast as it goes; with --serve waits for others to shoot.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// Rig file: geometry, sensor, plan and simulated world.
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// New or empty folder for the frames, SSS-EE.jpg (station, exposure); with --station also exposures.toml.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "serve")]
+    out: Option<PathBuf>,
+    /// Serve an EOS 5D Mark II over PTP/IP on this loopback port (0: any) until SIGINT or SIGTERM; prints the port as libgphoto2
+    /// spells it. The lamp stands at --station (the first if left out), and exposures last as the rig file's simulation.speed says.
+    #[arg(long, value_name = "PORT", conflicts_with = "out")]
+    serve: Option<u16>,
+    /// Serve the arm as well, whose lamp then lights the scene: a link to its PTY. For `rigd serve` with both.
+    #[arg(long, value_name = "PATH", requires = "serve")]
+    arm_link: Option<PathBuf>,
     /// Shoot another object than the rig file names.
     #[arg(long, value_enum)]
     scene: Option<SceneName>,
@@ -50,8 +60,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             SceneName::Wood => Scene::Wood,
         };
     }
-    let frames = shoot_plan(&rig, simulation, args.station, &args.out)?;
-    Ok(print_line(format!("{frames} frames in {}", args.out.display()))?)
+    match (args.serve, args.out) {
+        (Some(port), _) => eos::serve(&rig, &simulation, args.station, port, args.arm_link.as_deref()),
+        (None, Some(out)) => {
+            let frames = shoot_plan(&rig, simulation, args.station, &out)?;
+            Ok(print_line(format!("{frames} frames in {}", out.display()))?)
+        }
+        (None, None) => Err(bad_input("give --out DIR or --serve PORT")),
+    }
 }
 
 /// Shoots every exposure of the plan's stations, or of `station` alone, into `out`; returns the number of frames.

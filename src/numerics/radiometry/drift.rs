@@ -41,7 +41,8 @@ pub enum PatchError {
     },
     /// Too little of it is valid.
     #[error(
-        "only {valid} pixels of the reference patch are valid, {MIN_PIXELS} and half of it are needed: choose one that is lit"
+        "{valid} valid pixels in the reference patch: it needs at least {MIN_PIXELS}, and at least half of all it holds; make it larger, or \
+         choose a place that is lit and not clipped in every picture"
     )]
     TooFew {
         /// Valid pixels.

@@ -7,6 +7,7 @@ use crate::session::processing::Judged;
 use crate::session::state::{Event, SessionState};
 use crate::session::worker::{self, Job};
 use serde_json::json;
+use std::ops::Range;
 use std::sync::mpsc::sync_channel;
 use std::time::Instant;
 
@@ -16,15 +17,28 @@ impl Acquisition<'_> {
         for (index, step) in plan.steps.iter().enumerate() {
             loop {
                 self.ask_operator(index, step)?;
-                for station in plan.stations_of(index) {
-                    self.whole_station(station)?;
-                }
-                if self.serves(index, step)? {
-                    break;
+                match self.whole_step(plan.stations_of(index))? {
+                    Err(reason) => self.refuse(index, step, &reason)?,
+                    Ok(()) if self.serves(index, step)? => break,
+                    Ok(()) => {}
                 }
             }
         }
         Ok(())
+    }
+
+    /// Shoots every station of a step; the inner error says why a frame does not serve.
+    fn whole_step(&mut self, stations: Range<usize>) -> Result<Result<(), String>, Ended> {
+        for station in stations {
+            if let Err(reason) = self.whole_station(station)? {
+                return Ok(Err(reason));
+            }
+        }
+        Ok(Ok(()))
+    }
+
+    fn refuse(&mut self, index: usize, step: &PlannedStep, reason: &str) -> Result<(), Ended> {
+        self.record("step.refused", json!({"index": index, "step": step.step, "reason": reason}))
     }
 
     /// Says what is to be put in place and waits until someone says that it is.
@@ -54,7 +68,7 @@ impl Acquisition<'_> {
                     return Ok(true);
                 }
                 Ok(Judged::Refused(reason)) => {
-                    self.record("step.refused", json!({"index": index, "step": step.step, "reason": reason}))?;
+                    self.refuse(index, step, &reason)?;
                     return Ok(false);
                 }
                 Err(fault) => self.outlast(fault)?,

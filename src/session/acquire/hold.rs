@@ -52,7 +52,7 @@ impl Acquisition<'_> {
             match self.bench.reopen_arm(&self.book.cancel) {
                 Ok(()) => break,
                 Err(error) => match self.arm_trouble(&error) {
-                    Trouble::Arm(again) => reason = again,
+                    Trouble::Arm(again) | Trouble::Frame(again) => reason = again,
                     Trouble::End(ended) => return Err(ended),
                 },
             }

@@ -4,6 +4,7 @@ use crate::pipeline::calibration::camera::CameraCalibration;
 use crate::pipeline::calibration::lights::LightsCalibration;
 use crate::pipeline::calibration::response::ResponseCalibration;
 use crate::session::quality::Optics;
+use crate::store::files::read_text;
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -69,8 +70,13 @@ impl CalibrationFile {
     /// # Errors
     /// The file cannot be read or is no calibration; the reason names it.
     pub fn read(path: &Path) -> Result<(Self, String), String> {
-        let refuse = |reason: String| format!("{}: {reason}: calibrate anew", path.display());
-        let text = std::fs::read_to_string(path).map_err(|e| refuse(e.to_string()))?;
+        let refuse = |reason: String| {
+            format!(
+                "{}: {reason}: put the file back from a copy, or calibrate anew (rigd calibrate run)",
+                path.display()
+            )
+        };
+        let text = read_text(path, "calibration").map_err(refuse)?;
         let file: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
         if file.format != 1 {
             return Err(refuse(format!("format {} is not known", file.format)));

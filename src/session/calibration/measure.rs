@@ -1,6 +1,7 @@
 //! From the frames of a calibration run to calibration.json: every step is judged when it was shot, so that the operator can put right
 //! what is wrong while board, card or balls still stand there.
 
+use super::exposure;
 use super::file::{CalibrationFile, NAME};
 use super::plan::PlannedStep;
 use super::radiance::{self, RadianceError, Stations};
@@ -9,7 +10,7 @@ use crate::pipeline::calibration::camera::{
     Board, CameraCalibration, Found, Photograph, calibrate_camera, card_on_board, look_at_view,
 };
 use crate::pipeline::calibration::lights::{
-    CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_lights, intensities,
+    CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_lights, intensities, shadows,
 };
 use crate::pipeline::calibration::response::ResponseCalibration;
 use crate::session::processing::{Judged, StepJob, clear, read_frame};
@@ -78,6 +79,7 @@ impl Measuring {
         self.views.retain(|(earlier, _)| *earlier < view);
         let size = (rig.camera.width, rig.camera.height);
         let found = look_at_view(&photograph, &board, size, &self.views).map_err(refuse)?;
+        exposure::check_board(&bytes, &found, (board.columns, board.rows)).map_err(refuse)?;
         let quality = found.quality;
         self.views.push((view, found));
         let mut value = json!({
@@ -108,6 +110,10 @@ impl Measuring {
             range.clone().enumerate().map(|(light, s)| CardFrame { light, file: radiance::file(s) }).collect();
         let load = |name: &str| stations.radiance(name);
         let found = intensities(&lights, &camera.projection(), &card, &shot, &load).map_err(refuse)?;
+        let dark = shadows(&lights, &camera.projection(), &card, &shot, &load).map_err(refuse)?;
+        if !dark.is_empty() {
+            return Err(refuse(dark.join("; ")));
+        }
         let usable = found.lights.iter().filter(|light| light.intensity.is_some()).count();
         let doubts: Vec<&String> = found.warnings.iter().chain(found.lights.iter().flat_map(|l| &l.warnings)).collect();
         Ok(json!({"stations_that_light_it": usable, "response": summary_of_response(&response), "notes": doubts}))
@@ -134,6 +140,17 @@ impl Measuring {
         let lights = shown?;
         let load = |name: &str| stations.spots_of(name, &curve);
         let found = calibrate_lights(&lights, &load, &settings).map_err(refuse)?;
+        if found.balls.len() < calibration.balls {
+            let (seen, all) = (found.balls.len(), calibration.balls);
+            return Err(refuse(format!(
+                "{seen} of {all} balls found: put up all of them, whole in the frame, lit and in focus, none before another or in \
+                 another's shadow"
+            )));
+        }
+        for light in &lights {
+            let spots = load(&light.highlight).map_err(refuse)?;
+            exposure::check_highlights(&light.highlight, &spots.clipped, &found.balls).map_err(refuse)?;
+        }
         stations.develop(cards.clone(), &response)?;
         let card = card_on_board(camera, &last_view(job)?, calibration.card_side_mm, reflectance(calibration))
             .map_err(fail)?;
@@ -144,7 +161,11 @@ impl Measuring {
             })
             .collect();
         let load = |name: &str| stations.radiance(name);
-        let lights = intensities(&found, &settings.projection, &card, &shot, &load).map_err(fail)?;
+        // The card was found usable with the rig file's lights: now it is the balls that may be wrong.
+        let lights = intensities(&found, &settings.projection, &card, &shot, &load).map_err(|e| {
+            refuse(format!("with the lights these balls show, the card gives no intensity ({e}): shoot the balls again; if that does \
+                            not help, abort and calibrate anew"))
+        })?;
         let first = read_frame(&job.directory, first_frame(job, 0)?).map_err(fail)?;
         let file = CalibrationFile { optics: Optics::of(&first), ..self.file(job, camera, response, lights) };
         write(job, &file)?;

@@ -1,4 +1,5 @@
 //! Calibration as a run of the engine: what the operator is asked for, what is shot, what was measured, and what a session makes of it.
+mod exposure;
 pub mod file;
 pub(in crate::session) mod measure;
 pub mod plan;

@@ -11,6 +11,7 @@ use crate::pipeline::calibration::response::{Method, ResponseCalibration, calibr
 use crate::pipeline::decode::decode;
 use crate::pipeline::develop::{BracketFrame, Known, develop, read_bracket};
 use crate::session::ledger::FrameRecord;
+use crate::session::plan::LEAST_EXPOSURES;
 use crate::session::processing::{StepJob, read_frame, write_radiance};
 use crate::store::exr::read_radiance;
 use rig_config::Rig;
@@ -54,8 +55,8 @@ impl<'a> Stations<'a> {
         let station = stations.max_by(|a, b| frontal(a).total_cmp(&frontal(b)));
         let station = station.ok_or_else(|| RadianceError::Frames("no bracket was shot".into()))?;
         let files = self.files(station)?;
-        let frames: Vec<_> = files.iter().map(Shot::frame).collect();
         let unusable = |reason: String| RadianceError::Frames(format!("no response at station {station}: {reason}"));
+        let frames = lit(&files).map_err(unusable)?;
         let bracket = read_bracket(&frames, None).map_err(|e| unusable(e.to_string()))?;
         calibrate(bracket, Method::Debevec).map(|found| found.calibration).map_err(|e| unusable(e.to_string()))
     }
@@ -135,6 +136,25 @@ impl<'a> Stations<'a> {
         };
         self.frames(station).iter().map(read).collect()
     }
+}
+
+/// Green pixels above this level that a frame must show to say anything of response and times.
+const LIT_LEVEL: u8 = 20;
+const LEAST_LIT: usize = 1000;
+
+/// The frames that show enough to measure times on. The shortest ones of the bracket are there for the highlights on balls: of all
+/// else they show the rims of these, where a pixel mixes very different radiances. Such pixels contradict the ratios of all frames by
+/// many times their noise, as if the lamp flickered, and spoil the times of the others.
+fn lit<'a>(files: &'a [Shot<'_>]) -> Result<Vec<BracketFrame<'a>>, String> {
+    let mut frames = Vec::new();
+    for shot in files {
+        let picture = decode(&shot.bytes).map_err(|e| format!("{}: {e}", shot.name))?;
+        if picture.pixels.iter().filter(|pixel| pixel[1] > LIT_LEVEL).count() >= LEAST_LIT {
+            frames.push(shot.frame());
+        }
+    }
+    // Too few: the response's own words on all of them say what is wrong.
+    Ok(if frames.len() < LEAST_EXPOSURES { files.iter().map(Shot::frame).collect() } else { frames })
 }
 
 /// A frame in memory.

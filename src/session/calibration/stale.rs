@@ -4,7 +4,7 @@ use super::file::CalibrationFile;
 use crate::session::quality::Optics;
 use crate::store::manifest::Manifest;
 use jiff::{SignedDuration, Timestamp};
-use rig_config::Rig;
+use rig_config::{Arm, Lamp, Rig};
 
 /// What has changed since the calibration was made, as far as rig file and clock tell.
 pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<String> {
@@ -17,8 +17,8 @@ pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<S
     match Rig::from_toml(&manifest.rig_file, "the calibration's rig file") {
         Ok(then) => {
             let changed = [
-                ("[arm]", then.arm != rig.arm),
-                ("[lamp]", then.lamp != rig.lamp),
+                ("[arm]", then.arm != without_waits(&rig.arm, &then.arm)),
+                ("[lamp]", then.lamp != Lamp { soak_s: then.lamp.soak_s, ..rig.lamp.clone() }),
                 ("[camera]", then.camera != rig.camera),
             ];
             for (section, _) in changed.iter().filter(|(_, changed)| *changed) {
@@ -30,10 +30,21 @@ pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<S
     warnings
 }
 
+/// The arm with the times and the park position that it had then: nothing that was measured depends on them, nor on the lamp's
+/// soak time, which a session takes from its own rig file.
+fn without_waits(arm: &Arm, then: &Arm) -> Arm {
+    let Arm { settle_s, home_timeout_s, park_deg, .. } = *then;
+    Arm { settle_s, home_timeout_s, park_deg, ..arm.clone() }
+}
+
 fn too_old(rig: &Rig, age: SignedDuration) -> Option<String> {
     let most = rig.calibration.as_ref().map(|calibration| calibration.max_age_days)?;
     let days = age.as_secs_f64() / 86_400.0;
-    (days > most).then(|| format!("is {days:.0} days old, more than {most} (calibration.max_age_days): calibrate anew"))
+    let old = if days < 2.0 { format!("{:.1} hours", 24.0 * days) } else { format!("{days:.0} days") };
+    (days > most).then(|| {
+        let unit = if most == 1.0 { "day" } else { "days" };
+        format!("is {old} old, more than {most} {unit} (calibration.max_age_days): calibrate anew")
+    })
 }
 
 /// What has changed, as the devices say when they are opened: firmware of the arm, model of the camera.

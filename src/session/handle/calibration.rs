@@ -66,14 +66,21 @@ impl EngineHandle {
     /// `calibration.json` of a completed run: camera, response and lights with their uncertainties; none while there is none.
     ///
     /// # Errors
-    /// No such run, or a file that cannot be read.
+    /// No such run, or a file that is damaged or gone.
     pub fn calibration_result(&self, id: &str) -> Result<Option<Value>, EngineError> {
-        let path = {
+        let (snapshot, path) = {
             let inner = self.book.lock();
             let (entry, snapshot) = inner.calibration(id)?;
-            (snapshot.state == SessionState::Completed).then(|| file::path(&entry.directory))
+            (snapshot, file::path(&entry.directory))
         };
-        path.map(|path| super::read_json(&path).map_err(EngineError::Storage)).transpose()
+        if snapshot.state != SessionState::Completed {
+            return Ok(None);
+        }
+        let CalibrationSnapshot { id, version, .. } = snapshot;
+        let damaged = |reason| EngineError::DamagedCalibration { id, version, reason };
+        let read =
+            CalibrationFile::read(&path).and_then(|(_, text)| serde_json::from_str(&text).map_err(|e| e.to_string()));
+        read.map(Some).map_err(damaged)
     }
 
     /// Puts the calibration that `request` means into `plan`; its text, for the session's directory.
@@ -108,7 +115,11 @@ impl EngineHandle {
     }
 
     fn put(&self, entry: &Entry, plan: &mut CapturePlan) -> Result<Option<String>, String> {
-        let (found, text) = CalibrationFile::read(&file::path(&entry.directory))?;
+        let damaged = |reason| {
+            let (id, version) = (entry.manifest.id.clone(), entry.manifest.version.unwrap_or_default());
+            EngineError::DamagedCalibration { id, version, reason }.to_string()
+        };
+        let (found, text) = CalibrationFile::read(&file::path(&entry.directory)).map_err(damaged)?;
         found.check_rig(&self.rig)?;
         let mut stations = plan.stations.clone();
         for station in &mut stations {

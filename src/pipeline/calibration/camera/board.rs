@@ -121,7 +121,9 @@ pub enum BadPhotograph {
         rows: usize,
     },
     /// Corners that refinement could not find again.
-    #[error("{lost} of {needed} corners have no sharp crossing: the board is covered, reflects light or is blurred")]
+    #[error(
+        "{lost} of {needed} corners have no sharp crossing: the board is covered, reflects light or is blurred; uncover it, tilt it out of the reflection, focus"
+    )]
     Unsharp {
         /// Corners lost.
         lost: usize,

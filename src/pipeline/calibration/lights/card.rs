@@ -1,6 +1,6 @@
 //! Intensities of calibrated lights from radiance of a grey card.
 
-use super::{LightsCalibration, LightsCalibrationError, Load};
+use super::{CalibratedLight, LightsCalibration, LightsCalibrationError, Load};
 use crate::numerics::calibration::lights::card::{Card, CardFault, Intensity, LampAt, agree, intensity};
 use crate::numerics::geometry::{Projection, Vec3};
 use crate::numerics::image::RadianceImage;
@@ -37,19 +37,10 @@ pub fn calibrate_intensity(
         let light =
             out.lights.get_mut(frame.light).ok_or_else(|| refuse(format!("there is no light {}", frame.light + 1)))?;
         let image = load(&frame.file).map_err(refuse)?;
-        let lamp = LampAt {
-            position: Vec3::from(light.position_mm),
-            covariance: Matrix3::from_fn(|i, j| light.covariance_mm2[i][j]),
-        };
+        let lamp = lamp(light);
         match intensity(&image, projection, card, &lamp) {
             Ok(found) => {
-                if found.dimmest > SHADOW {
-                    light.warnings.push(format!(
-                        "{}: a part of the card is {:.0} % darker than the rest: take it out of the shadow, or clean it",
-                        frame.file,
-                        100.0 * found.dimmest
-                    ));
-                }
+                light.warnings.extend(shadow(&frame.file, &found));
                 light.intensity = Some(found.value);
                 light.intensity_sigma = Some(found.sigma);
                 measured.push((frame.light, &frame.file, found));
@@ -80,6 +71,42 @@ pub fn calibrate_intensity(
         None => out.bulb_intensity = all.first().map(|only| only.value),
     }
     Ok(out)
+}
+
+fn lamp(light: &CalibratedLight) -> LampAt {
+    LampAt { position: Vec3::from(light.position_mm), covariance: Matrix3::from_fn(|i, j| light.covariance_mm2[i][j]) }
+}
+
+/// A word on a part of the card that is in shadow.
+fn shadow(file: &str, found: &Intensity) -> Option<String> {
+    (found.dimmest > SHADOW).then(|| {
+        format!(
+            "{file}: a part of the card is {:.0} % darker than the rest: take it out of the shadow, or clean it",
+            100.0 * found.dimmest
+        )
+    })
+}
+
+/// The frames on which a part of the card is in shadow, each with what to do; the lights need be known only roughly.
+///
+/// # Errors
+/// A frame cannot be read.
+pub fn shadows(
+    calibration: &LightsCalibration,
+    projection: &Projection,
+    card: &Card,
+    frames: &[CardFrame],
+    load: Load<'_, RadianceImage>,
+) -> Result<Vec<String>, LightsCalibrationError> {
+    let mut found = Vec::new();
+    for frame in frames {
+        let Some(light) = calibration.lights.get(frame.light) else { continue };
+        let refuse = |reason| LightsCalibrationError::Card { file: frame.file.clone(), reason };
+        let image = load(&frame.file).map_err(refuse)?;
+        let measured = intensity(&image, projection, card, &lamp(light)).ok();
+        found.extend(measured.and_then(|measured| shadow(&frame.file, &measured)));
+    }
+    Ok(found)
 }
 
 /// Like [`calibrate_intensity`], but a frame that shows no usable card only leaves its light without an intensity of its own, with a

@@ -10,7 +10,7 @@ use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::calibration::lights::joint::{SeenBall, Sighting};
 use crate::numerics::calibration::lights::solve::{Item, Misfit, Scene, SolveError, Solved, solve};
 use crate::numerics::geometry::Projection;
-pub use card::{CardFrame, calibrate_intensity, intensities};
+pub use card::{CardFrame, calibrate_intensity, intensities, shadows};
 pub use report::{ArmCircle, CalibratedBall, CalibratedLight, LightsCalibration};
 
 /// The frames of one light, by name.
