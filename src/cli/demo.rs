@@ -2,7 +2,7 @@
 //! `--calibrate` after a calibration of a rig whose file does not know the truth.
 
 mod calibration;
-mod truth;
+pub mod truth;
 
 use super::daemon::Daemon;
 use super::error::print_line;
