@@ -6,7 +6,7 @@ use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
 use rigd::pipeline::decode::decode;
-use rigd::pipeline::fine::fine_levels;
+use rigd::pipeline::fine::{Unread, fine_levels};
 
 const SIZE: (usize, usize) = (331, 173);
 
@@ -83,10 +83,12 @@ fn it_keeps_the_mean_of_an_even_surface() {
 fn other_and_damaged_files_are_left_to_the_decoder() {
     let bytes = encoded(SamplingFactor::F_1_1, 0, &mut waves);
     for cut in [0, 1, 2, 3, 20, 200, bytes.len() / 2, bytes.len() - 100] {
-        assert_eq!(fine_levels(&bytes[..cut], &all()), None, "{cut}");
+        assert!(fine_levels(&bytes[..cut], &all()).is_err(), "{cut}");
     }
-    assert_eq!(fine_levels(&bytes, &[(SIZE.0, 0)]), None);
-    assert_eq!(fine_levels(b"\x89PNG\r\n\x1a\n", &[(0, 0)]), None);
+    assert_eq!(fine_levels(&bytes, &[(SIZE.0, 0)]), Err(Unread::Unsuited));
+    assert_eq!(fine_levels(b"\x89PNG\r\n\x1a\n", &[(0, 0)]), Err(Unread::Unsuited));
+    let half_with_an_end = [&bytes[..3 * bytes.len() / 4], b"\xff\xd9"].concat();
+    assert_eq!(fine_levels(&half_with_an_end, &[]), Err(Unread::Damaged));
     let mut random = Xoshiro256PlusPlus::seed_from_u64(8);
     for _ in 0..2000 {
         let mut broken = bytes.clone();

@@ -7,6 +7,7 @@
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
 use rigd::pipeline::decode::{FrameInfo, decode};
+use rigd::pipeline::fine::{Unread, fine_levels};
 use rigd::store::dataset::{self, check_text};
 use rigd::store::exr::{read_radiance, read_vectors};
 use std::path::Path;
@@ -152,5 +153,47 @@ fn mutated_frames_are_answered() {
                 assert!(time_s.is_finite() && time_s > 0.0, "{name}: an exposure of {time_s} s");
             }
         }
+    }
+}
+
+#[test]
+fn mutated_frames_give_finite_levels_or_a_reason() {
+    let points = [(0, 0), (7, 8), (15, 11), (usize::MAX, 0)];
+    let mut random = Random::seed_from_u64(15);
+    for (name, seed) in seeds("fine_levels") {
+        fine_levels(&seed, &points[..3]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(fine_levels(&seed, &points), Err(Unread::Unsuited), "{name}: a pixel outside");
+        let (mut read, mut damaged) = (0, 0);
+        for _ in 0..2_000 {
+            match fine_levels(&mutated(&mut random, &seed), &points[..3]) {
+                Ok(levels) => {
+                    read += 1;
+                    assert!(levels.len() == 3 && levels.iter().flatten().all(|level| level.is_finite()), "{name}");
+                }
+                Err(Unread::Damaged) => damaged += 1,
+                Err(Unread::Unsuited) => {}
+            }
+        }
+        assert!(read > 100 && damaged > 100, "{name}: {read} read, {damaged} damaged: the mutations miss the scan");
+    }
+}
+
+#[cfg(feature = "raw")]
+#[test]
+fn mutated_raw_frames_are_answered() {
+    let mut random = Random::seed_from_u64(16);
+    for (name, seed) in seeds("raw_frame") {
+        rigd::pipeline::raw::decode(&seed).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let mut read = 0;
+        for _ in 0..1_000 {
+            let Ok(frame) = rigd::pipeline::raw::decode(&mutated(&mut random, &seed)) else { continue };
+            read += 1;
+            let counts = &frame.counts;
+            assert_eq!(counts.pixels.len(), counts.width * counts.height);
+            assert!(counts.width % 2 == 0 && counts.height % 2 == 0 && counts.width > 0 && counts.height > 0, "{name}");
+            assert!(frame.black.level.iter().all(|level| level.is_finite()), "{name}");
+            assert!(counts.pixels.iter().all(|count| count >> frame.body.bits == 0), "{name}");
+        }
+        assert!((20..980).contains(&read), "{name}: {read} of 1000 read: the mutations are too mild or too wild");
     }
 }

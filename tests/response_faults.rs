@@ -116,6 +116,49 @@ fn times_that_no_shutter_makes_are_refused_by_name() {
     assert!(!message.contains("frame 5"), "{message}");
 }
 
+/// Frames `which` of a sound bracket, one of them listed `off_ev` stops too long.
+fn few(which: &[usize], wrong: usize, off_ev: f64) -> Vec<Exposure> {
+    let mut frames = Shoot::new(2).shot().exposures(Tone::Srgb);
+    frames[wrong].time_s *= off_ev.exp2();
+    which.iter().map(|&i| frames[i].clone()).collect()
+}
+
+#[test]
+fn a_few_frames_say_what_they_do_not_tell() {
+    let found = outcome(few(&[5, 6, 7], 5, 0.0)).unwrap().calibration;
+    let words = "not determined by these frames";
+    assert!(found.gauge.contains(words) && found.gauge.contains("within 3 %"), "{}", found.gauge);
+    assert!(found.warnings.iter().any(|w| w.contains(words)), "{:?}", found.warnings);
+    // Times within 3 %, over ln 4: the shortest and the longest of them give the slope.
+    assert!(
+        (0.5..2.0).contains(&(found.exponent_sigma / (0.03 * 2_f64.sqrt() / 4_f64.ln()))),
+        "{}",
+        found.exponent_sigma
+    );
+    let found = outcome(dial(2)).unwrap().calibration;
+    assert!(!found.gauge.contains(words) && found.exponent_sigma < 1e-3, "{}", found.gauge);
+}
+
+#[test]
+fn one_wrong_time_of_a_few_is_refused() {
+    for (wrong, off_ev) in [(5, 0.85), (7, 0.85), (7, -0.85)] {
+        let message = refusal(few(&[5, 6, 7], wrong, off_ev));
+        assert!(message.contains("3 frames do not tell which one is wrong"), "{message}");
+        // A wrong middle one would explain the images as well.
+        for frame in [6, wrong] {
+            assert!(message.contains(&format!("frame {frame} is listed as")), "{wrong} {off_ev}: {message}");
+        }
+    }
+    for (which, wrong, off_ev) in
+        [(&[6, 7, 8, 9][..], 6, -0.6), (&[6, 7, 8, 9], 9, 0.6), (&[3, 5, 7, 9], 9, 0.85), (&[3, 5, 7, 9], 3, 0.6)]
+    {
+        let message = refusal(few(which, wrong, off_ev));
+        let named: Vec<usize> = (0..10).filter(|i| message.contains(&format!("frame {i} is listed as"))).collect();
+        assert_eq!(named, [wrong], "{message}");
+        assert!(message.contains("correct these times or leave the frames out"), "{message}");
+    }
+}
+
 #[test]
 fn exchanged_files_inverse_times_and_repeated_pictures_are_told_apart() {
     let mut exchanged = dial(3);

@@ -3,6 +3,7 @@
 mod corrections;
 mod list;
 mod raw;
+mod target;
 
 use super::calibrate::response::{summary, times_table};
 use super::error::print_line;
@@ -18,6 +19,7 @@ use crate::pipeline::develop::{BracketFrame, read_bracket};
 use corrections::{Corrections, Merge, Rows, check_dark};
 use list::{Folder, Frame};
 use std::path::{Path, PathBuf};
+use target::Target;
 
 /// Merge the frames of a folder to linear radiance: response and HDR.
 #[derive(Clone, Debug, clap::Args)]
@@ -51,19 +53,17 @@ const TYPICAL_SENSOR: SensorNoise = SensorNoise { full_well_e: 80_000.0, read_no
 /// Merges the folder, writes the EXR and says on stdout what was found.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let folder = list::read(&args.dir)?;
-    let out = args.out.unwrap_or_else(|| args.dir.join("radiance.exr"));
+    let target = Target::new(args.out.unwrap_or_else(|| args.dir.join("radiance.exr")), &folder.inputs(&args.dir))?;
     if folder.is_raw(&args.dir)? {
-        return raw::run(&args.dir, folder, args.estimator, &out);
+        return raw::run(&args.dir, folder, args.estimator, &target);
     }
     let merged = merge(&args.dir, folder)?;
     let merger = merged.merger(args.estimator);
     let merge = |first: usize, strip: &mut RadianceImage| merger.strip(first, strip);
     let rows = merged.rows(&merge)?;
     let unit = "level 128 is reached after 1 / radiance seconds".to_owned();
-    let written = rows.write(
-        &out,
-        &attributes(args.estimator, times_table(&merged.calibration.exposures, &merged.calibration.reference), unit),
-    )?;
+    let table = times_table(&merged.calibration.exposures, &merged.calibration.reference);
+    let written = target.write(|path| rows.write(path, &attributes(args.estimator, table, unit)))?;
     Ok(print_line(merged.summary() + &written)?)
 }
 

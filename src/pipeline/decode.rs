@@ -177,6 +177,12 @@ pub struct FrameInfo {
     pub f_number: Option<f64>,
     /// ISO speed.
     pub iso: Option<u32>,
+    /// The body's model.
+    pub model: Option<String>,
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// Focal length the lens was set to, mm.
+    pub focal_length_mm: Option<f64>,
     /// Date and time of the shot as the camera writes it, `YYYY:MM:DD HH:MM:SS`.
     pub time: Option<String>,
 }
@@ -218,7 +224,7 @@ impl FrameInfo {
             }
             _ => None,
         };
-        let time = match value(exif::Tag::DateTimeOriginal) {
+        let text = |tag| match value(tag) {
             Some(exif::Value::Ascii(text)) => text.first().map(|t| String::from_utf8_lossy(t).into_owned()),
             _ => None,
         };
@@ -226,7 +232,10 @@ impl FrameInfo {
             exposure_time_s: positive(exif::Tag::ExposureTime),
             f_number: positive(exif::Tag::FNumber),
             iso: value(exif::Tag::PhotographicSensitivity).and_then(|v| v.get_uint(0)),
-            time,
+            model: text(exif::Tag::Model),
+            serial: text(exif::Tag::BodySerialNumber),
+            focal_length_mm: positive(exif::Tag::FocalLength),
+            time: text(exif::Tag::DateTimeOriginal),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Bracket to radiance: decode, response, merge (paper 3.3).
 
 use super::calibration::response::ResponseCalibration;
-use super::decode::{Format, decode_into};
-use super::fine::fine_levels;
+use super::decode::{DecodeError, Format, decode_into};
+use super::fine::{Unread, fine_levels};
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure, MANY};
 use crate::numerics::radiometry::merge::merge;
@@ -160,11 +160,23 @@ pub fn read_bracket(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<B
     let bracket = read_rounded(&frames, crop)?;
     let (left, top) = crop.map_or((0, 0), |crop| (crop.x, crop.y));
     let points: Vec<_> = bracket.sample_points(MANY).into_iter().map(|(x, y)| (x + left, y + top)).collect();
-    let fine: Option<Vec<_>> = frames.par_iter().map(|frame| fine_levels(frame.bytes, &points)).collect();
-    Ok(match fine {
+    let fine = frames.par_iter().map(|frame| levels_at(frame, &points)).collect::<Result<Vec<_>, _>>()?;
+    Ok(match fine.into_iter().collect() {
         Some(fine) => bracket.with_fine_levels(fine),
         None => bracket,
     })
+}
+
+/// Levels of some pixels beyond whole ones; none if this kind of file does not tell.
+fn levels_at(frame: &BracketFrame<'_>, points: &[(usize, usize)]) -> Result<Option<Vec<[f32; 3]>>, DevelopError> {
+    match fine_levels(frame.bytes, points) {
+        Ok(levels) => Ok(Some(levels)),
+        Err(Unread::Unsuited) => Ok(None),
+        Err(Unread::Damaged) => Err(DevelopError::Frame {
+            name: frame.name.to_owned(),
+            reason: DecodeError::Damaged { format: "JPEG", reason: Unread::Damaged.to_string() }.to_string(),
+        }),
+    }
 }
 
 fn read_rounded(frames: &[BracketFrame<'_>], crop: Option<Crop>) -> Result<Bracket, DevelopError> {

@@ -132,7 +132,7 @@ impl<'a> Rows<'a> {
             valid += strip.valid.pixels[..inside].iter().filter(|valid| **valid).count();
         })?;
         let share = 100.0 * valid as f64 / (width * height) as f64;
-        Ok(format!("{}{share:.1} % valid\nwrote {}", self.lamp_summary(), out.display()))
+        Ok(format!("{}{share:.1} % valid\n", self.lamp_summary()))
     }
 
     fn lamp_summary(&self) -> String {

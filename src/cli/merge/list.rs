@@ -13,6 +13,11 @@ const LIST: &str = "exposures.toml";
 const RAW: &str = "cr2";
 /// A larger file is no camera's frame, bytes.
 const MAX_FILE: u64 = 256 << 20;
+/// Shutter times that cameras have, seconds: the fastest one sold makes 1/80000 s (Sony ILCE-9M3, specifications of 2023), and an
+/// hour on bulb is far beyond any bracket.
+const SHUTTER_S: std::ops::RangeInclusive<f64> = 1.0 / 80_000.0..=3600.0;
+/// A listed time may differ from the one in the file by half a stop: a dial's label by 0.1, a measured time hardly more.
+const LISTED_OFF_EV: f64 = 0.5;
 
 /// Everything a folder holds.
 #[derive(Default)]
@@ -33,8 +38,26 @@ pub(super) struct Frame {
 
 impl Frame {
     /// The bytes of the file.
+    ///
+    /// # Errors
+    /// It cannot be read, or its exposure time is none that a camera has, or another than its EXIF says.
     pub fn read(&self) -> Result<Vec<u8>, MergeInputError> {
-        read_file(&self.path)
+        let refuse = |reason: String| MergeInputError(format!("{}: {reason}", shown(&self.path)));
+        if !SHUTTER_S.contains(&self.time_s) {
+            let (least, most) = (1.0 / SHUTTER_S.start(), SHUTTER_S.end());
+            return Err(refuse(format!(
+                "exposure time {} s: cameras open for 1/{least:.0} to {most} s; give seconds in {LIST}",
+                self.time_s
+            )));
+        }
+        let bytes = read_file(&self.path)?;
+        match FrameInfo::read(&bytes).exposure_time_s {
+            Some(shot) if (self.time_s / shot).log2().abs() > LISTED_OFF_EV => Err(refuse(format!(
+                "{LIST} says {} s, the EXIF of the file {shot} s: correct the time, or the file that is meant",
+                self.time_s
+            ))),
+            _ => Ok(bytes),
+        }
     }
 
     fn is_raw(&self) -> bool {
@@ -43,6 +66,12 @@ impl Frame {
 }
 
 impl Folder {
+    /// Every file that is read: none may be written over.
+    pub fn inputs(&self, dir: &Path) -> Vec<PathBuf> {
+        let all = self.frames.iter().chain(&self.dark).chain(&self.flat);
+        all.map(|frame| frame.path.clone()).chain([dir.join(LIST)]).collect()
+    }
+
     /// Whether the frames are raw files.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 
 use super::corrections::{Corrections, Rows, check_dark_radiance};
 use super::list::{Folder, Frame};
+use super::target::Target;
 use super::{MergeInputError, attributes, refuse, same_size};
 use crate::cli::calibrate::response::times_table;
 use crate::cli::error::print_line;
@@ -18,7 +19,7 @@ use std::path::Path;
 /// Read noise this far from what the table says, as a factor, is worth a word.
 const SURPRISING: f64 = 1.5;
 /// Merges the raw files, writes the EXR and says on stdout what was found.
-pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, out: &Path) -> anyhow::Result<()> {
+pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, target: &Target) -> anyhow::Result<()> {
     let Folder { frames, dark, flat, reference } = folder;
     let shot = read(dir, &frames)?;
     let size = (shot.bracket.width(), shot.bracket.height());
@@ -31,7 +32,7 @@ pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, out: &Path) 
     let rows = Rows::new(&corrections, &merge, size).map_err(|e| refuse(dir, e))?;
     let table = times_table(&times.exposures, &times.reference);
     let unit = format!("a photosite saturates after 1 / radiance seconds at ISO {iso}");
-    let written = rows.write(out, &attributes(estimator, table.clone(), unit))?;
+    let written = target.write(|path| rows.write(path, &attributes(estimator, table.clone(), unit)))?;
     let mut found = format!("{} raw frames, {}x{} pixels\n{shot_with}{table}", bracket.frames().len(), size.0, size.1);
     times.warnings.iter().for_each(|warning| found += &format!("warning: {warning}\n"));
     Ok(print_line(found + &corrections.summary() + &written)?)

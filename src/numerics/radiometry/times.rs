@@ -4,7 +4,8 @@ use super::bracket::{Bracket, BracketError, MANY};
 use super::curve_system::CurveSystem;
 use super::dark_levels::smoothed_sigma;
 use super::exposure_ratios::Information;
-use super::gauge::{gauge, scatter};
+pub use super::gauge::SHUTTER;
+use super::gauge::{Gauge, gauge, scatter, single_faults};
 use super::groups::Channel;
 use super::level_samples::LevelSamples;
 use super::noise::SensorNoise;
@@ -20,6 +21,8 @@ pub struct MeasuredTimes {
     pub reference: usize,
     /// Relative standard error of the exponent that the images leave open, or that the known response has; 0 of linear samples.
     pub exponent_sigma: f64,
+    /// True if the frames' scatter shows that error; false if fewer than four agree, and it rests on what shutters are like.
+    pub exponent_told: bool,
     /// Relative scatter of the measured about the expected times, frames that stand apart not counted.
     pub scatter: f64,
     /// Scatter of the log ratios in units of what their weights expect.
@@ -42,9 +45,6 @@ const RATIO_LEVELS: (f64, f64) = (20.0, 240.0);
 /// Pixels, counted once a channel, a frame must share with others for its time to be measured: from fewer, ratios
 /// came out half a percent off.
 const MIN_OVERLAP: usize = 1000;
-/// How far a shutter is from what it aims at or its dial says, relative: dials are up to 7 % off. Good images outweigh it by far;
-/// images that contradict one another do not.
-const SHUTTER: f64 = 0.03;
 /// How well a shutter and a lamp repeat a bracket, relative: frames that overlap little are held to the earlier measurement.
 const REPEATED: f64 = 0.005;
 /// Rounds of grouping, solving for the curve, solving for the times; a known curve leaves little to repeat.
@@ -151,12 +151,22 @@ impl MeasuredTimes {
         let log_times: Vec<f64> = expected_s.iter().map(|t| t.ln()).collect();
         let frames = expected_s.iter().map(|&time_s| MeasuredTime { time_s, sigma: None, overlap: 0 }).collect();
         let reference = choose_reference(&log_times, &log_times, 0.0);
-        Self { frames, reference, exponent_sigma: 0.0, scatter: 0.0, chi_squared: 0.0 }
+        Self { frames, reference, exponent_sigma: 0.0, exponent_told: true, scatter: 0.0, chi_squared: 0.0 }
     }
 
     /// The measured times, seconds.
     pub fn seconds(&self) -> Vec<f64> {
         self.frames.iter().map(|frame| frame.time_s).collect()
+    }
+
+    /// Every way in which a single wrong time explains the images, if their response is unknown: the frame, and its time (s) by the
+    /// images if the other frames' are the `expected_s` ones.
+    pub fn single_faults(&self, expected_s: &[f64]) -> Vec<(usize, f64)> {
+        let told: Vec<usize> = (0..self.frames.len()).filter(|&i| self.frames[i].sigma.is_some()).collect();
+        let measured: Vec<f64> = told.iter().map(|&i| self.frames[i].time_s.ln()).collect();
+        let expected: Vec<f64> = told.iter().map(|&i| expected_s[i].ln()).collect();
+        let fault = |(at, off): (usize, f64)| (told[at], expected_s[told[at]] * (-off).exp());
+        single_faults(&measured, &expected).into_iter().map(fault).collect()
     }
 
     /// Relative rms of the measured times about others (seconds), all frames counting: whether the images agree with them. With
@@ -213,6 +223,7 @@ struct Solved {
     sigma: Vec<Option<f64>>,
     reference: usize,
     exponent_sigma: f64,
+    exponent_told: bool,
     scatter: f64,
     chi_squared: f64,
 }
@@ -252,16 +263,16 @@ impl Solved {
             let exponent = gauge.exponent_sigma * (found[i] - found[at]);
             sigma[frame] = Some((ratio.max(0.0) + exponent * exponent).sqrt());
         }
-        let (exponent_sigma, scatter) = (gauge.exponent_sigma, gauge.scatter);
-        Ok(Self { log_times, sigma, reference: told[at], exponent_sigma, scatter, chi_squared })
+        let Gauge { exponent_sigma, exponent_told, scatter, .. } = gauge;
+        Ok(Self { log_times, sigma, reference: told[at], exponent_sigma, exponent_told, scatter, chi_squared })
     }
 
     fn into_times(self, overlap: &[usize]) -> MeasuredTimes {
         let frames = (0..overlap.len())
             .map(|i| MeasuredTime { time_s: self.log_times[i].exp(), sigma: self.sigma[i], overlap: overlap[i] })
             .collect();
-        let Self { reference, exponent_sigma, scatter, chi_squared, .. } = self;
-        MeasuredTimes { frames, reference, exponent_sigma, scatter, chi_squared }
+        let Self { reference, exponent_sigma, exponent_told, scatter, chi_squared, .. } = self;
+        MeasuredTimes { frames, reference, exponent_sigma, exponent_told, scatter, chi_squared }
     }
 }
 

@@ -17,7 +17,8 @@ use crate::numerics::calibration::camera::{
 };
 use crate::numerics::geometry::Projection;
 use crate::numerics::image::Image;
-use crate::pipeline::decode::decode;
+use crate::pipeline::decode::{FrameInfo, decode};
+use crate::pipeline::fine::{Unread, fine_levels};
 use rayon::prelude::*;
 
 /// Two photographs whose corners lie closer than this, rms, show the same view: parts of the picture's diagonal.
@@ -100,10 +101,14 @@ pub fn calibrate_camera(
     board.check().map_err(CameraCalibrationError::Board)?;
     let looked = photographs.par_iter().map(|photograph| look(photograph, board)).collect::<Vec<_>>();
     let size = common_size(&looked);
+    let said: Vec<Option<String>> = photographs.iter().map(camera_said).collect();
+    let usual = most_frequent(said.iter().flatten());
     let mut rejected: Vec<(usize, String)> = Vec::new();
     let mut good: Vec<(usize, Found)> = Vec::new();
     for (i, looked) in looked.into_iter().enumerate() {
-        match sort_out(looked, size, &good) {
+        let sorted =
+            sort_out(looked, size, &good).and_then(|found| same_camera(said[i].as_ref(), usual).map(|()| found));
+        match sorted {
             Ok(found) => good.push((i, found)),
             Err(reason) => rejected.push((i, reason.to_string())),
         }
@@ -164,18 +169,45 @@ fn look(photograph: &Photograph<'_>, board: &Board) -> Looked {
     match decode(photograph.bytes) {
         Ok(picture) => {
             let size = Size { width: picture.width, height: picture.height };
-            (Some(size), find_board(photograph.name, &picture, board))
+            let found = find_board(photograph.name, &picture, board).map_err(|reason| {
+                let damaged = fine_levels(photograph.bytes, &[]) == Err(Unread::Damaged);
+                if damaged { BadPhotograph::CutShort } else { reason }
+            });
+            (Some(size), found)
         }
         Err(error) => (None, Err(BadPhotograph::Undecodable(error.to_string()))),
     }
 }
 
-/// The size most photographs have; the first of them where sizes are as frequent.
+/// The size most photographs have.
 fn common_size(looked: &[Looked]) -> Size {
-    let sizes: Vec<Size> = looked.iter().filter_map(|(size, _)| *size).collect();
-    let count = |size: Size| sizes.iter().filter(|s| **s == size).count();
-    let most = sizes.iter().map(|s| count(*s)).max().unwrap_or(0);
-    sizes.iter().copied().find(|s| count(*s) == most).unwrap_or(Size { width: 0, height: 0 })
+    most_frequent(looked.iter().filter_map(|(size, _)| size.as_ref())).copied().unwrap_or(Size { width: 0, height: 0 })
+}
+
+/// What occurs most often; the first of them where several do.
+fn most_frequent<'a, T: PartialEq>(all: impl Iterator<Item = &'a T> + Clone) -> Option<&'a T> {
+    let count = |one: &T| all.clone().filter(|other| *other == one).count();
+    let most = all.clone().map(count).max()?;
+    all.clone().find(|one| count(one) == most)
+}
+
+/// Body and focal length as the EXIF says; none where it does not.
+fn camera_said(photograph: &Photograph<'_>) -> Option<String> {
+    let FrameInfo { model, serial, focal_length_mm, .. } = FrameInfo::read(photograph.bytes);
+    let said = [model, serial.map(|s| format!("number {s}")), focal_length_mm.map(|f| format!("{f} mm"))];
+    let said = said.into_iter().flatten().collect::<Vec<_>>().join(", ");
+    let shown: String = said.chars().filter(|c| !c.is_control()).collect();
+    Some(shown).filter(|shown| !shown.is_empty())
+}
+
+/// Refuses a photograph whose EXIF names another camera, or another focal length, than that of most does.
+fn same_camera(said: Option<&String>, usual: Option<&String>) -> Result<(), BadPhotograph> {
+    match (said, usual) {
+        (Some(own), Some(most)) if own != most => {
+            Err(BadPhotograph::OtherCamera { own: own.clone(), most: most.clone() })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn sort_out((size, found): Looked, common: Size, good: &[(usize, Found)]) -> Result<Found, BadPhotograph> {

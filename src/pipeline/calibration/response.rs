@@ -4,7 +4,7 @@ use super::doubts::doubts;
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, PairTest};
 use crate::numerics::radiometry::response::{Recovered, Response, recover};
 use crate::numerics::radiometry::robertson::robertson;
-use crate::numerics::radiometry::times::{MeasuredTime, MeasuredTimes};
+use crate::numerics::radiometry::times::{MeasuredTime, MeasuredTimes, SHUTTER};
 use crate::pipeline::decode::power_of_two_s;
 use serde::{Deserialize, Serialize};
 
@@ -92,6 +92,17 @@ pub enum CalibrateError {
     /// A time is far from the one listed.
     #[error("the images contradict the listed times: {}; correct these times or leave the frames out", .0.join("; "))]
     Contradicts(Vec<String>),
+    /// One of a few times is wrong.
+    #[error(
+        "the images contradict the listed times, and {frames} frames do not tell which one is wrong: {}; correct the wrong one, or shoot \
+         more exposures: five tell", .ways.join(", or ")
+    )]
+    OneOf {
+        /// Frames measured.
+        frames: usize,
+        /// What each would have to be if the others are right.
+        ways: Vec<String>,
+    },
 }
 
 /// A calibrated bracket: the report, and the bracket with its measured times.
@@ -112,6 +123,8 @@ pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, Calibra
     let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
     let thirds: Option<Vec<f64>> = nominal.iter().map(|&t| power_of_two_s(t)).collect();
     let (expected, measured) = measure(&bracket, &nominal, thirds.as_deref())?;
+    let expected_s = thirds.as_deref().filter(|_| expected == Expected::PowerOfTwo).unwrap_or(&nominal);
+    refuse_single_fault(&names, &nominal, &measured.single_faults(expected_s))?;
     let timed = bracket.with_times(&measured.seconds())?;
     let Recovered { response, active_constraints, pixels } = match method {
         Method::Debevec => recover(&timed)?,
@@ -133,6 +146,7 @@ pub fn calibrate(bracket: Bracket, method: Method) -> Result<Calibrated, Calibra
         warnings: Vec::new(),
     };
     calibration.warnings = doubts(&calibration, &measured, &pairs, &timed, &response);
+    calibration.warnings.extend(doubtful_exponent(&measured));
     Ok(Calibrated { calibration, bracket: timed, pairs })
 }
 
@@ -192,12 +206,44 @@ pub(in crate::pipeline) fn exposure_times(
     };
     let times: Vec<ExposureTime> = names.iter().zip(nominal).zip(&measured.frames).map(exposure).collect();
     let far = |t: &&ExposureTime| t.sigma_relative.is_some() && (t.estimated_s / t.nominal_s).ln().abs() > CONTRADICTS;
-    let reasons: Vec<String> = times
-        .iter()
-        .filter(far)
-        .map(|t| format!("{} is listed as {} s, the images say {:.4} s", t.name, t.nominal_s, t.estimated_s))
-        .collect();
+    let reasons: Vec<String> =
+        times.iter().filter(far).map(|t| contradiction(&t.name, t.nominal_s, t.estimated_s)).collect();
     if reasons.is_empty() { Ok(times) } else { Err(CalibrateError::Contradicts(reasons)) }
+}
+
+/// Refuses times of which one is wrong by more than half a stop: with few frames the exponent takes part of that up, and the measured
+/// times do not show it.
+fn refuse_single_fault(names: &[String], nominal: &[f64], ways: &[(usize, f64)]) -> Result<(), CalibrateError> {
+    let off = |&(i, time_s): &(usize, f64)| (time_s / nominal[i]).ln().abs();
+    if !ways.iter().any(|way| off(way) > CONTRADICTS) {
+        return Ok(());
+    }
+    let said = |&(i, time_s): &(usize, f64)| contradiction(&names[i], nominal[i], time_s);
+    let reasons: Vec<String> = ways.iter().map(said).collect();
+    match reasons.len() {
+        1 => Err(CalibrateError::Contradicts(reasons)),
+        _ => Err(CalibrateError::OneOf { frames: nominal.len(), ways: reasons }),
+    }
+}
+
+fn contradiction(name: &str, nominal_s: f64, measured_s: f64) -> String {
+    format!("{name} is listed as {nominal_s} s, the images say {measured_s:.4} s")
+}
+
+/// A word on an exponent that these frames hardly tell.
+fn doubtful_exponent(measured: &MeasuredTimes) -> Option<String> {
+    if !measured.exponent_told {
+        return Some(format!(
+            "the exponent of times and response is not determined by these frames, {:.1} % uncertain: shoot five exposures or more",
+            100.0 * measured.exponent_sigma
+        ));
+    }
+    (measured.scatter > SHUTTER).then(|| {
+        format!(
+            "the times scatter by {:.0} % about the expected ones, more than shutters do: check the listed times",
+            100.0 * measured.scatter
+        )
+    })
 }
 
 fn gauge_in_words(expected: Expected, reference: &str, measured: &MeasuredTimes) -> String {
@@ -205,12 +251,19 @@ fn gauge_in_words(expected: Expected, reference: &str, measured: &MeasuredTimes)
         Expected::PowerOfTwo => "power-of-two",
         Expected::Nominal => "nominal",
     };
+    let rests_on = if measured.exponent_told {
+        format!("if they scatter about the true ones independently, as the {:.2} % seen do", 100.0 * measured.scatter)
+    } else {
+        format!(
+            "not determined by these frames, of which fewer than four agree: it rests on every shutter time being within {:.0} % of \
+             the expected one",
+            100.0 * SHUTTER
+        )
+    };
     format!(
         "Images of an unknown response tell times up to a factor and an exponent common to all (Grossberg & Nayar 2003). The factor \
-         is fixed by the time of {reference}, the exponent by the {which} times: relative standard error {:.1e}, if they scatter \
-         about the true ones independently, as the {:.2} % seen do.",
-        measured.exponent_sigma,
-        100.0 * measured.scatter
+         is fixed by the time of {reference}, the exponent by the {which} times: relative standard error {:.1e}, {rests_on}.",
+        measured.exponent_sigma
     )
 }
 

@@ -11,10 +11,26 @@ mod scan;
 use scan::{Component, coefficients};
 use std::f32::consts::PI;
 
-/// Red, green and blue of pixels (column, row), not rounded; black may be a little below 0 and white above 255. None for files that
-/// are no baseline JPEG of three channels, and for damaged ones.
-pub fn fine_levels(bytes: &[u8], points: &[(usize, usize)]) -> Option<Vec<[f32; 3]>> {
+/// Why a file says nothing beyond whole levels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unread {
+    /// No baseline JPEG of three channels, or no such pixel. Of grey ones only the damage is told.
+    #[error("no baseline JPEG of three channels that holds these pixels")]
+    Unsuited,
+    /// Its picture data end early or are none. Decoders may make up the rest, grey, if an end marker follows.
+    #[error("its picture data end early or are damaged")]
+    Damaged,
+}
+
+/// Red, green and blue of pixels (column, row), not rounded; black may be a little below 0 and white above 255.
+///
+/// # Errors
+/// Files that are no baseline JPEG of three channels, pixels outside the picture, and damaged files.
+pub fn fine_levels(bytes: &[u8], points: &[(usize, usize)]) -> Result<Vec<[f32; 3]>, Unread> {
     let picture = coefficients(bytes)?;
+    if picture.components.len() != 3 {
+        return Err(Unread::Unsuited);
+    }
     let cosines = cosines();
     let level = |&(x, y): &(usize, usize)| {
         if x >= picture.width || y >= picture.height {
@@ -29,7 +45,7 @@ pub fn fine_levels(bytes: &[u8], points: &[(usize, usize)]) -> Option<Vec<[f32; 
         let luma = luma + 128.0;
         Some([luma + 1.402 * cr, luma - 0.344_136_3 * cb - 0.714_136_3 * cr, luma + 1.772 * cb])
     };
-    points.iter().map(level).collect()
+    points.iter().map(level).collect::<Option<_>>().ok_or(Unread::Unsuited)
 }
 
 /// `[place][frequency]`: the cosine transform's basis with its norm, a half c(u) cos((2 x + 1) u pi / 16).

@@ -1,5 +1,6 @@
 //! Segments of a baseline JPEG down to the dequantised coefficients of its blocks (ITU-T T.81, annexes A, B and F).
 
+use super::Unread;
 use super::huffman::{Bits, Table};
 use crate::pipeline::decode::MAX_PIXELS;
 
@@ -49,8 +50,17 @@ struct Tables {
     restart: usize,
 }
 
-/// The coefficients of a baseline file of three components in one scan; none for any other file.
-pub(super) fn coefficients(bytes: &[u8]) -> Option<Coefficients> {
+/// The coefficients of a baseline file of one or three components in one scan.
+pub(super) fn coefficients(bytes: &[u8]) -> Result<Coefficients, Unread> {
+    let (mut picture, tables, header, data) = headers(bytes).ok_or(Unread::Unsuited)?;
+    let coders = coders(&picture, &tables, header).ok_or(Unread::Unsuited)?;
+    scan(&mut picture, &coders, tables.restart, data).ok_or(Unread::Damaged)?;
+    Ok(picture)
+}
+
+/// All segments up to the scan: an empty picture, the tables, the scan's header, and what follows it. None for files of another
+/// kind.
+fn headers(bytes: &[u8]) -> Option<(Coefficients, Tables, &[u8], &[u8])> {
     let mut tables = Tables::default();
     let mut picture = Coefficients::default();
     let mut at = 2;
@@ -68,10 +78,7 @@ pub(super) fn coefficients(bytes: &[u8]) -> Option<Coefficients> {
             0xc0 | 0xc1 => picture = frame(body)?,
             // Adobe's: 1 says luminance and differences, anything else other colours.
             0xee if body.starts_with(b"Adobe") && *body.get(11)? != 1 => return None,
-            0xda => {
-                scan(&mut picture, &tables, body, &rest[length..])?;
-                return Some(picture);
-            }
+            0xda => return Some((picture, tables, body, &rest[length..])),
             // Progressive, lossless, arithmetic.
             0xc2..=0xcf => return None,
             _ => {}
@@ -115,12 +122,15 @@ impl Tables {
 fn frame(body: &[u8]) -> Option<Coefficients> {
     let number = |at: usize| Some(usize::from(u16::from_be_bytes([*body.get(at)?, *body.get(at + 1)?])));
     let (precision, height, width, count) = (*body.first()?, number(1)?, number(3)?, *body.get(5)?);
-    if precision != 8 || count != 3 || width == 0 || height == 0 || width * height > MAX_PIXELS {
+    if precision != 8 || ![1, 3].contains(&count) || width == 0 || height == 0 || width * height > MAX_PIXELS {
         return None;
     }
-    let mut components = Vec::with_capacity(3);
-    for entry in body.get(6..15)?.chunks_exact(3) {
-        let sampling = (usize::from(entry[1] >> 4), usize::from(entry[1] & 15));
+    let count = usize::from(count);
+    let mut components = Vec::with_capacity(count);
+    for entry in body.get(6..6 + 3 * count)?.chunks_exact(3) {
+        // The blocks of a single component follow one another row by row, whatever its sampling (A.2.2).
+        let stated = (usize::from(entry[1] >> 4), usize::from(entry[1] & 15));
+        let sampling = if count == 1 { (1, 1) } else { stated };
         if !(1..=4).contains(&sampling.0) || !(1..=4).contains(&sampling.1) {
             return None;
         }
@@ -137,13 +147,17 @@ fn frame(body: &[u8]) -> Option<Coefficients> {
     Some(Coefficients { width, height, most, components })
 }
 
-/// Decodes the one scan that holds all components.
-fn scan(picture: &mut Coefficients, tables: &Tables, header: &[u8], data: &[u8]) -> Option<()> {
-    if *header.first()? != 3 || picture.components.len() != 3 {
+/// What a component's blocks are decoded with: codes of the mean and of the other coefficients, and the quantisation.
+type Coder<'a> = (&'a Table, &'a Table, &'a [i32; 64]);
+
+/// The coders of all components; none if the scan does not hold all of them or lacks a table.
+fn coders<'a>(picture: &Coefficients, tables: &'a Tables, header: &[u8]) -> Option<Vec<Coder<'a>>> {
+    let count = picture.components.len();
+    if count == 0 || usize::from(*header.first()?) != count {
         return None;
     }
-    let mut coders = Vec::with_capacity(3);
-    for (component, entry) in picture.components.iter().zip(header.get(1..7)?.chunks_exact(2)) {
+    let mut coders = Vec::with_capacity(count);
+    for (component, entry) in picture.components.iter().zip(header.get(1..1 + 2 * count)?.chunks_exact(2)) {
         let table = |kind: usize, index: u8| tables.huffman[kind].get(usize::from(index))?.as_ref();
         let steps = tables.quantisation.get(component.quantisation)?.as_ref()?;
         if entry[0] != component.id {
@@ -151,15 +165,20 @@ fn scan(picture: &mut Coefficients, tables: &Tables, header: &[u8], data: &[u8])
         }
         coders.push((table(0, entry[1] >> 4)?, table(1, entry[1] & 15)?, steps));
     }
+    Some(coders)
+}
+
+/// Decodes the one scan that holds all components.
+fn scan(picture: &mut Coefficients, coders: &[Coder<'_>], restart: usize, data: &[u8]) -> Option<()> {
     let units = picture.width.div_ceil(8 * picture.most.0) * picture.height.div_ceil(8 * picture.most.1);
     let across = picture.width.div_ceil(8 * picture.most.0);
     let (mut bits, mut means) = (Bits::new(data), [0_i32; 3]);
     for unit in 0..units {
-        if tables.restart > 0 && unit > 0 && unit.is_multiple_of(tables.restart) {
+        if restart > 0 && unit > 0 && unit.is_multiple_of(restart) {
             bits.restart()?;
             means = [0; 3];
         }
-        for ((component, coder), mean) in picture.components.iter_mut().zip(&coders).zip(&mut means) {
+        for ((component, coder), mean) in picture.components.iter_mut().zip(coders).zip(&mut means) {
             let (wide, high) = component.sampling;
             for part in 0..wide * high {
                 let (x, y) = (unit % across * wide + part % wide, unit / across * high + part / wide);
@@ -172,12 +191,7 @@ fn scan(picture: &mut Coefficients, tables: &Tables, header: &[u8], data: &[u8])
 }
 
 /// One block (F.2.2): the mean as a difference to the last one, then runs of zeros and numbers.
-fn block(
-    bits: &mut Bits<'_>,
-    (first, others, steps): (&Table, &Table, &[i32; 64]),
-    mean: &mut i32,
-    out: &mut [i16],
-) -> Option<()> {
+fn block(bits: &mut Bits<'_>, (first, others, steps): Coder<'_>, mean: &mut i32, out: &mut [i16]) -> Option<()> {
     let store = |k: usize, value: i32| i16::try_from(value.checked_mul(*steps.get(k)?)?).ok();
     let size = bits.symbol(first)?;
     *mean = mean.checked_add(bits.number(u32::from(size))?)?;

@@ -67,6 +67,16 @@ pub(super) fn pose(corners: &[Corner], interior: &Interior, start: Pose) -> Opti
     Some((*found.poses.first()?, found.cost))
 }
 
+/// What one view says of the interior by itself, its pose eliminated: half the second derivatives and the gradient of its cost by
+/// the interior's unknowns, and the cost. None if its pose is open.
+pub(super) fn alone(corners: &[Corner], interior: &Interior, pose: &Pose) -> Option<(Square, Column, f64)> {
+    let normal = Normal::at(&[corners], &[true; UNKNOWNS], interior, std::slice::from_ref(pose))?;
+    let (view, inverse) = (normal.views.first()?, *normal.pose_inverses(0.0)?.first()?);
+    let hessian = normal.hessian - view.coupling * inverse * view.coupling.transpose();
+    let gradient = normal.gradient - view.coupling * (inverse * view.gradient);
+    Some((hessian, gradient, normal.cost - view.gradient.dot(&(inverse * view.gradient))))
+}
+
 fn minimise(views: &[&[Corner]], free: &Free, interior: Interior, poses: Vec<Pose>) -> Option<Adjusted> {
     let normal = Normal::at(views, free, &interior, &poses)?;
     let mut best = Adjusted { interior, poses, cost: normal.cost, converged: false, normal };

@@ -6,15 +6,18 @@
 mod adjust;
 mod homography;
 mod interior;
+mod mixed;
 mod pose;
 mod select;
 mod start;
 
 pub use interior::{Freedom, Interior, NAMES, UNKNOWNS};
+pub use mixed::Suggested;
 pub use pose::Pose;
 pub use select::Verdict;
 
 use crate::numerics::geometry::Projection;
+use mixed::Split;
 use nalgebra::{Matrix6, SMatrix};
 use select::{Choice, select};
 
@@ -32,6 +35,9 @@ const OBLIQUE_DEG: f64 = 75.0;
 const PARALLEL_DEG: f64 = 6.0;
 /// Greatest relative standard deviation of a focal length that counts as measured.
 const FOCAL_SIGMA: f64 = 0.01;
+
+/// Views of another camera are exceptions if they are at most one in so many; more are a second set.
+const EXCEPTIONS: usize = 3;
 
 /// Size of the pictures, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,13 +104,24 @@ pub enum BadView {
     /// Its error stands out.
     #[error(
         "its reprojection error is {rms_px:.2} px rms, {:.1} times the median of all views: corners are mislabelled, the board \
-         moved or was bent; take the photograph again", rms_px / median_px
+         moved or was bent, or it is of another camera or zoom; take the photograph again", rms_px / median_px
     )]
     Misfit {
         /// Its rms error, px.
         rms_px: f64,
         /// Median of the views' rms errors, px.
         median_px: f64,
+    },
+    /// It fits another camera.
+    #[error(
+        "it does not fit the camera of the other photographs: it suggests {own}, they {others}; it is of another camera, zoom or focus, \
+         or mirrored: take it again with this camera"
+    )]
+    OtherCamera {
+        /// What it and others like it suggest.
+        own: Suggested,
+        /// What the other views suggest.
+        others: Suggested,
     },
 }
 
@@ -151,6 +168,19 @@ pub enum CameraError {
         views: usize,
         /// Relative standard deviation, percent.
         percent: f64,
+    },
+    /// Two groups of views, neither of which can be called the exception.
+    #[error(
+        "the photographs are not of one camera: {} suggest {few}, the others {most}; give photographs of one camera at one zoom and \
+         focus, none of them mirrored", .names.join(", ")
+    )]
+    TwoCameras {
+        /// Views of the smaller group.
+        names: Vec<String>,
+        /// What they suggest.
+        few: Suggested,
+        /// What the others suggest.
+        most: Suggested,
     },
     /// The adjustment ran out of steps.
     #[error("the adjustment of {views} views did not converge: check the board's size and take the photographs again")]
@@ -223,10 +253,20 @@ pub fn calibrate(views: &[View], size: Size) -> Result<Calibrated, CameraError> 
             let rejected = rejected.iter().map(|(i, reason)| (views[*i].name.clone(), reason.clone())).collect();
             return Err(CameraError::TooFewViews { good: good.len(), rejected });
         };
-        match worst(&used, &choice) {
-            Some((at, reason)) => rejected.push((good.remove(at), reason)),
-            None => return finish(&used, &good, choice, rejected),
+        if let Some((at, reason)) = worst(&used, &choice) {
+            rejected.push((good.remove(at), reason));
+            continue;
         }
+        let Some(Split { few, of_few, of_most }) = mixed::split(&used, &choice) else {
+            return finish(&used, &good, choice, rejected);
+        };
+        if few.len() * EXCEPTIONS > used.len() {
+            let names = few.iter().map(|&at| used[at].name.clone()).collect();
+            return Err(CameraError::TwoCameras { names, few: of_few, most: of_most });
+        }
+        let reason = BadView::OtherCamera { own: of_few, others: of_most };
+        rejected.extend(few.iter().map(|&at| (good[at], reason.clone())));
+        good = (0..good.len()).filter(|at| !few.contains(at)).map(|at| good[at]).collect();
     }
 }
 

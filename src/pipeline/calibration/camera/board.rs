@@ -63,6 +63,9 @@ pub enum BadPhotograph {
     /// No picture file.
     #[error("{0}")]
     Undecodable(String),
+    /// A file whose decoder made up the rest.
+    #[error("its picture data end early or are damaged: fetch it from the camera again")]
+    CutShort,
     /// Portrait among landscape.
     #[error("it is {width}x{height}, turned against the others: give the files as the camera wrote them")]
     Rotated {
@@ -84,6 +87,14 @@ pub enum BadPhotograph {
         common_width: usize,
         /// Rows of most.
         common_height: usize,
+    },
+    /// Taken otherwise than most.
+    #[error("its EXIF says {own}, that of most {most}: give photographs of one camera at one focal length")]
+    OtherCamera {
+        /// What its EXIF says: body, serial number, focal length.
+        own: String,
+        /// What that of most says.
+        most: String,
     },
     /// Hardly anything but white.
     #[error("no board found; {percent:.0} % of it is clipped: expose less")]
