@@ -109,14 +109,14 @@ mod tests {
     }
 
     /// `cargo test --lib a_file_adds_the_variance -- --nocapture` prints them: less of a smooth surface, whose noise the file drops, more
-    /// of a noisy one. Noise of half a level is that of the frames that weigh most: 0.4 to 0.6 above level 60.
+    /// of a noisy one. With the variance at 0.8 levels the errors of merged pixels are what the merge says (`tests/sim_camera.rs`).
     #[test]
     fn a_file_adds_the_variance_that_the_merge_assumes() {
-        for sigma in [0.25, 0.5, 0.7, 1.0, 2.0] {
+        for sigma in [0.25, 0.5, 0.8, 1.0, 2.0] {
             let added = added(sigma);
             println!("noise of {sigma} levels: {added:.2?} levels squared more");
             for (added, assumed) in added.iter().zip(JPEG_VARIANCE) {
-                let most = if sigma == 0.5 { 1.1 } else { 3.5 };
+                let most = if sigma == 0.8 { 1.15 } else { 3.5 };
                 assert!((1.0 / most..most).contains(&(added / assumed)), "noise {sigma}: {added} against {assumed}");
             }
         }
