@@ -156,24 +156,54 @@ mod with_raw {
         Some(line.split_whitespace().nth(1)?.parse::<u64>().ok()? / 1000)
     }
 
+    /// Ten full frames, dark frames and flat-field frames in a folder with a list.
+    fn full_folder(darks: usize, flats: usize) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let scene = |x: usize, y: usize| 3e3 * 1e3_f64.powf((x / 2 + y / 2) as f64 / 3640.0);
+        let white = |_: usize, _: usize| 4e4;
+        let mut list = String::new();
+        let mut put = |kind: &str, name: String, at: usize, rate: &dyn Fn(usize, usize) -> f64, seed: usize| {
+            let file =
+                Body { size: (4368, 2912), rate, dark: &nothing }.shoot(times_s()[at], 0.0, DIAL[at], seed as u64);
+            let (above, below) = DIAL[at];
+            list += &format!("[[{kind}]]\nfile = {name:?}\ntime_s = {:?}\n", f64::from(above) / f64::from(below));
+            std::fs::write(folder.path().join(name), file.bytes()).unwrap();
+        };
+        (0..10).for_each(|i| put("frame", format!("{i}.cr2"), i, &scene, i));
+        (0..darks).for_each(|i| put("dark", format!("dark-{i}.cr2"), 9, &nothing, 20 + i));
+        (0..flats).for_each(|i| put("flat", format!("flat-{i}.cr2"), 5, &white, 40 + i));
+        std::fs::write(folder.path().join("exposures.toml"), list).unwrap();
+        folder
+    }
+
+    /// Merges the folder; highest resident memory, MB.
+    fn merged_in_mb(folder: &Path) -> u64 {
+        let start = std::time::Instant::now();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_rigd")).arg("merge").arg(folder).spawn().unwrap();
+        let mut peak = 0;
+        let status = loop {
+            peak = peak_mb(child.id()).unwrap_or(0).max(peak);
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        };
+        assert!(status.success() && peak > 0);
+        println!("{:.1} s, {peak} MB at most", start.elapsed().as_secs_f64());
+        peak
+    }
+
     #[test]
     #[ignore = "by hand, prints time and memory: cargo test --features raw --test raw_folder -- --ignored --nocapture"]
     fn ten_full_frames_are_merged_in_less_than_400_mb() {
-        let folder = tempfile::tempdir().unwrap();
-        let rate = |x: usize, y: usize| 3e3 * 1e3_f64.powf((x / 2 + y / 2) as f64 / 3640.0);
-        for (i, time_s) in times_s().into_iter().enumerate() {
-            let file = Body { size: (4368, 2912), rate: &rate, dark: &nothing }.shoot(time_s, 0.0, DIAL[i], i as u64);
-            std::fs::write(folder.path().join(format!("{i}.cr2")), file.bytes()).unwrap();
-        }
-        let bytes: u64 = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().metadata().unwrap().len()).sum();
-        let start = std::time::Instant::now();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_rigd")).arg("merge").arg(folder.path()).spawn().unwrap();
-        let mut peak = 0;
-        while child.try_wait().unwrap().is_none() {
-            peak = peak_mb(child.id()).unwrap_or(0).max(peak);
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-        println!("{} MB of files, {:.1} s, {peak} MB at most", bytes / 1_000_000, start.elapsed().as_secs_f64());
-        assert!(peak > 0 && peak < 400, "{peak} MB");
+        let peak = merged_in_mb(full_folder(0, 0).path());
+        assert!(peak < 400, "{peak} MB");
+    }
+
+    #[test]
+    #[ignore = "by hand, prints time and memory: cargo test --features raw --test raw_folder -- --ignored --nocapture"]
+    fn with_dark_frames_and_a_flat_field_in_less_than_520_mb() {
+        let peak = merged_in_mb(full_folder(2, 3).path());
+        assert!(peak < 520, "{peak} MB");
     }
 }

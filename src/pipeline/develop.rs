@@ -211,8 +211,8 @@ fn read_frame(
 /// Variance of rounding to a whole level, levels squared.
 const LOSSLESS_VARIANCE: [f64; 3] = [1.0 / 12.0; 3];
 /// What a JPEG of the finest setting (4:4:4) adds to red, green and blue, levels squared: rounding to YCbCr, of the cosine
-/// coefficients and back to a level. Measured on the simulated camera's files.
-const JPEG_VARIANCE: [f64; 3] = [0.9, 0.5, 1.2];
+/// coefficients and back to a level. Measured on the simulated camera's files at a noise of 0.8 levels (`sim::camera::exif`).
+pub(crate) const JPEG_VARIANCE: [f64; 3] = [0.9, 0.5, 1.2];
 
 fn cut(picture: &Image<[u8; 3]>, crop: Crop) -> Result<Image<[u8; 3]>, String> {
     let inside =

@@ -21,9 +21,16 @@ const SURPRISING: f64 = 1.5;
 /// Merges the raw files, writes the EXR and says on stdout what was found.
 pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, target: &Target) -> anyhow::Result<()> {
     let Folder { frames, dark, flat, reference } = folder;
+    // First the corrections, so that their frames have left the memory when the bracket comes.
+    let corrections = Corrections { dark: dark_of(dir, &dark)?, flat: flat_of(dir, &flat)?, reference };
     let shot = read(dir, &frames)?;
     let size = (shot.bracket.width(), shot.bracket.height());
-    let corrections = Corrections { dark: dark_of(dir, &dark, size)?, flat: flat_of(dir, &flat, size)?, reference };
+    let sizes = [corrections.dark.as_ref().map(Dark::size), corrections.flat.as_ref().map(Flat::size)];
+    for (files, own) in [&dark, &flat].into_iter().zip(sizes) {
+        if let (Some(first), Some(own)) = (files.first(), own) {
+            same_size(dir, &first.name, own, size)?;
+        }
+    }
     let shot_with = shot_with(&shot);
     let RawShot { bracket, iso, .. } = shot;
     let (bracket, times) = measure(bracket).map_err(|e| refuse(dir, e))?;
@@ -55,10 +62,11 @@ fn merger<'a>(dir: &Path, bracket: &'a RawBracket, estimator: Estimator) -> Resu
 }
 
 /// Dark frames show the dark signal as a bracket shows radiance; none without them.
-fn dark_of(dir: &Path, files: &[Frame], size: (usize, usize)) -> Result<Option<Dark>, MergeInputError> {
-    let Some(first) = files.first() else { return Ok(None) };
+fn dark_of(dir: &Path, files: &[Frame]) -> Result<Option<Dark>, MergeInputError> {
+    if files.is_empty() {
+        return Ok(None);
+    }
     let frames = read(dir, files)?.bracket;
-    same_size(dir, &first.name, (frames.width(), frames.height()), size)?;
     let times: Vec<f64> = frames.times_s().iter().map(|&time| power_of_two_s(time).unwrap_or(time)).collect();
     let longest = times.iter().copied().fold(0.0, f64::max);
     let frames = frames.with_times(&times).map_err(|e| refuse(dir, e))?;
@@ -69,18 +77,17 @@ fn dark_of(dir: &Path, files: &[Frame], size: (usize, usize)) -> Result<Option<D
 }
 
 /// The flat field of single frames, one in memory at a time; none without them.
-fn flat_of(dir: &Path, files: &[Frame], size: (usize, usize)) -> Result<Option<Flat>, MergeInputError> {
-    if files.is_empty() {
-        return Ok(None);
-    }
-    let mut fields = Fields::new(size.0, size.1);
+fn flat_of(dir: &Path, files: &[Frame]) -> Result<Option<Flat>, MergeInputError> {
+    let mut fields: Option<Fields> = None;
     for file in files {
         let frame = read(dir, std::slice::from_ref(file))?.bracket;
-        same_size(dir, &file.name, (frame.width(), frame.height()), size)?;
+        let size = (frame.width(), frame.height());
+        let fields = fields.get_or_insert_with(|| Fields::new(size.0, size.1));
+        same_size(dir, &file.name, size, fields.size())?;
         let field = merger(dir, &frame, Estimator::InverseVariance)?.whole();
         fields.add(&file.name, &field).map_err(|e| refuse(dir, e))?;
     }
-    fields.flat().map(Some).map_err(|e| refuse(dir, e))
+    fields.map(|fields| fields.flat().map_err(|e| refuse(dir, e))).transpose()
 }
 
 /// Body, black level and noise, a line each.

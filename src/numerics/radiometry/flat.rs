@@ -121,6 +121,11 @@ impl Fields {
         Self { count: 0, squares: zero.clone(), sum: zero, usable: Image::filled(width, height, true) }
     }
 
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.sum.width, self.sum.height)
+    }
+
     /// Adds the radiance of a frame, normalised by its own mean.
     ///
     /// # Errors

@@ -238,7 +238,7 @@ fn doubtful_exponent(measured: &MeasuredTimes) -> Option<String> {
             100.0 * measured.exponent_sigma
         ));
     }
-    (measured.scatter > SHUTTER).then(|| {
+    (measured.scatter > 2.0 * SHUTTER).then(|| {
         format!(
             "the times scatter by {:.0} % about the expected ones, more than shutters do: check the listed times",
             100.0 * measured.scatter

@@ -72,3 +72,53 @@ fn shutter(nominal_s: f64) -> Rational {
         Rational { num: (nominal_s * 10.0).round() as u32, denom: 10 }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::pipeline::decode::decode;
+    use crate::pipeline::develop::JPEG_VARIANCE;
+    use rand::SeedableRng;
+    use rand::rngs::Xoshiro256PlusPlus;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// By how much the variance about the true levels is larger in the file than in what the sensor counted, whose noise has `sigma`
+    /// levels: a shaded surface.
+    fn added(sigma: f32) -> [f64; 3] {
+        const SIDE: usize = 256;
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(4);
+        let truth = |i: usize| {
+            let (x, y) = ((i % SIDE) as f32, (i / SIDE) as f32);
+            [60.0 + 0.5 * x, 40.0 + 0.4 * y + 0.2 * x, 180.0 - 0.45 * y]
+        };
+        let mut counted = |i: usize| {
+            truth(i).map(|level| {
+                let noise: f32 = StandardNormal.sample(&mut random);
+                level + sigma * noise
+            })
+        };
+        let levels = Image { width: SIDE, height: SIDE, pixels: (0..SIDE * SIDE).map(&mut counted).collect() };
+        let facts = ExifFacts { model: "", nominal_s: 1.0, f_number: 5.6, iso: 100, frame_number: 1 };
+        let read = decode(&jpeg(&levels, &facts).unwrap()).unwrap();
+        std::array::from_fn(|c| {
+            let off = |(i, pixel): (usize, &[u8; 3])| f64::from(f32::from(pixel[c]) - truth(i)[c]).powi(2);
+            let variance = read.pixels.iter().enumerate().map(off).sum::<f64>() / (SIDE * SIDE) as f64;
+            variance - f64::from(sigma).powi(2)
+        })
+    }
+
+    /// `cargo test --lib a_file_adds_the_variance -- --nocapture` prints them: less of a smooth surface, whose noise the file drops, more
+    /// of a noisy one. With the variance at 0.8 levels the errors of merged pixels are what the merge says (`tests/sim_camera.rs`).
+    #[test]
+    fn a_file_adds_the_variance_that_the_merge_assumes() {
+        for sigma in [0.25, 0.5, 0.8, 1.0, 2.0] {
+            let added = added(sigma);
+            println!("noise of {sigma} levels: {added:.2?} levels squared more");
+            for (added, assumed) in added.iter().zip(JPEG_VARIANCE) {
+                let most = if sigma == 0.8 { 1.15 } else { 3.5 };
+                assert!((1.0 / most..most).contains(&(added / assumed)), "noise {sigma}: {added} against {assumed}");
+            }
+        }
+    }
+}
