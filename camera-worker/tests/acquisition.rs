@@ -28,6 +28,7 @@ fn seven_stations_of_ten_exposures_give_the_material_back() {
     assert!(verdict.recovered());
     // Every frame says where the arm stood, by its own status.
     let frames = rigged.events(&ended.id, "frame.committed");
+    assert_eq!(frames.len(), 70);
     let angles = &rigged.truth.plan.stations_deg;
     for frame in &frames {
         let planned = angles[frame["station"].as_u64().unwrap() as usize];

@@ -157,13 +157,14 @@ fn every_frame_is_right(rigged: &Rigged, id: &str, told: &str) {
         let place = (frame["station"].as_u64().unwrap() as usize, frame["exposure"].as_u64().unwrap() as usize);
         last.insert(place, frame["file"].as_str().unwrap().to_owned());
     }
+    assert_eq!(last.len(), rigged.engine.session(id).unwrap().frames_committed, "{told}");
     for ((station, exposure), file) in last {
         pose.set(Pose { angle_deg: ANGLES_DEG[station], lamp_permille: rigged.truth.lamp.level_permille });
         let shutter = Shutter::from_label(EXPOSURES[exposure]).unwrap();
         let camera = &rigged.truth.camera;
         let shot = Shot { station, exposure, shutter, f_number: camera.f_number, iso: camera.iso };
         let expected = peace.shoot(&shot, &Cancel::default()).unwrap();
-        let bytes = std::fs::read(rigged.directory(id).join(&file)).unwrap();
+        let bytes = std::fs::read(rigged.directory(id).join("frames").join(&file)).unwrap();
         let difference = mean_difference(&decode(&bytes).unwrap(), &decode(&expected.bytes).unwrap());
         // Noise of two frames is below one level on average; another exposure or light is at least ten away somewhere bright.
         assert!(difference < 1.0, "{told}: {file} is {difference:.2} levels from what was planned");

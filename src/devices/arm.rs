@@ -100,6 +100,13 @@ pub trait Arm: Send {
     fn move_to(&mut self, angle_deg: f64, cancel: &Cancel) -> Result<ArmStatus, ArmError>;
     /// Sets the lamp; returns when the status says so.
     fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError>;
+    /// Proves that the counted angle is the true one, where the device does not watch over that itself; the arm may turn to do so.
+    ///
+    /// # Errors
+    /// [`ArmError::StepsLost`] when it was not; the arm is homed then.
+    fn prove_position(&mut self, _cancel: &Cancel) -> Result<(), ArmError> {
+        Ok(())
+    }
     /// Asks for the status.
     fn status(&mut self) -> Result<ArmStatus, ArmError>;
     /// Stops the motor; returns when the status says it stands.

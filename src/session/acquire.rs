@@ -27,6 +27,9 @@ use std::time::{Duration, Instant};
 /// Retakes of a frame before the session is given up.
 const RETAKES: usize = 2;
 
+/// Stations after which an arm that cannot see lost steps is led to its switch, and at the end once more.
+const PROOF_STATIONS: usize = 20;
+
 /// Why an acquisition ended before its last frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ended {
@@ -125,8 +128,26 @@ impl<'a> Acquisition<'a> {
         for station in 0..self.work.stations() {
             self.whole_station(station)?.map_err(Ended::Interrupted)?;
             self.hand_over(|session| Job::Develop { session, station })?;
+            if (station + 1) % PROOF_STATIONS == 0 || station + 1 == self.work.stations() {
+                self.prove_position(station / PROOF_STATIONS * PROOF_STATIONS, station)?;
+            }
         }
         Ok(())
+    }
+
+    /// Proves that the stations `first` to `last` were lit from where the arm said.
+    fn prove_position(&mut self, first: usize, last: usize) -> Result<(), Ended> {
+        let cancel = self.book.cancel.clone();
+        match self.bench.arm().and_then(|arm| arm.prove_position(&cancel)) {
+            Ok(()) => Ok(()),
+            Err(error @ ArmError::StepsLost { .. }) => Err(Ended::Interrupted(format!(
+                "{error}; stations {first} to {last} may have been lit from elsewhere: shoot them again"
+            ))),
+            Err(ArmError::Cancelled) => Err(self.asked_end()),
+            Err(other) => Err(Ended::Interrupted(format!(
+                "{other}; whether steps were lost during stations {first} to {last} is not known: shoot them again"
+            ))),
+        }
     }
 
     /// Shoots a station, however often the arm has to be recovered for it; the inner error says why its frames do not serve.

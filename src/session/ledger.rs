@@ -31,6 +31,8 @@ pub struct FrameRecord {
     pub shutter: String,
     /// Time the shutter really was open, seconds.
     pub true_s: f64,
+    /// Where the arm stood by its own status, degrees.
+    pub angle_deg: Option<f64>,
     /// DateTimeOriginal of the frame, as the camera wrote it.
     pub taken: Option<String>,
 }

@@ -108,7 +108,7 @@ impl Rigged {
     pub fn events(&self, id: &str, kind: &str) -> Vec<Value> {
         let text = std::fs::read_to_string(self.directory(id).join("journal.jsonl")).unwrap();
         let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
-        lines.filter(|line| line["kind"] == kind).collect()
+        lines.filter(|line| line["type"] == kind).collect()
     }
 }
 

@@ -254,6 +254,10 @@ impl Arm for GrblArm {
         self.status()
     }
 
+    fn prove_position(&mut self, cancel: &Cancel) -> Result<(), ArmError> {
+        self.home(cancel).map(|_| ())
+    }
+
     fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
         let line = match self.settings.lamp {
             _ if permille > 1000 => {
