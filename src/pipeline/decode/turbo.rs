@@ -23,8 +23,10 @@ mod tests {
     fn it_agrees_with_the_decoder_in_rust() {
         let (width, height) = (200_usize, 120_usize);
         let mut random = Xoshiro256PlusPlus::seed_from_u64(3);
-        let pixel = |i: usize| [i % width, i / width, (i % width + i / width) / 2].map(|v| (v + 20) as i32);
-        let noisy = (0..width * height).flat_map(pixel).map(|v| (v + random.random_range(-6..=6)).clamp(0, 255) as u8);
+        let pixel = |i: usize| [i % width, i / width, (i % width + i / width) / 2].map(|v| (v + 20) as u8);
+        let noisy = (0..width * height)
+            .flat_map(pixel)
+            .map(|v| (i32::from(v) + random.random_range(-6..=6)).clamp(0, 255) as u8);
         let noisy: Vec<u8> = noisy.collect();
         let mut file = Vec::new();
         let mut encoder = jpeg_encoder::Encoder::new(&mut file, 95);
