@@ -83,7 +83,7 @@ fn a_body_that_stays_wrong_ends_the_session_after_two_retakes() {
             if shot.station == 1 { Act::Jpeg(Box::new(|e| e.exposure = (2, 1))) } else { Act::Good }
         },
     );
-    run(&fakes, S::Failed, |engine, id| {
+    run(&fakes, S::Interrupted, |engine, id| {
         assert_eq!(events(engine, id, "frame.rejected").len(), 3);
         let snapshot = engine.session(id).unwrap();
         let reason = snapshot.reason.unwrap();
@@ -97,7 +97,7 @@ fn a_body_that_stays_wrong_ends_the_session_after_two_retakes() {
 fn a_panicking_camera_driver_ends_the_session_safely() {
     let fakes = Fakes::default();
     fakes.on_shot(|_, count, _| if count >= 1 { panic!("as planned") } else { Act::Good });
-    run(&fakes, S::Failed, |engine, id| {
+    run(&fakes, S::Interrupted, |engine, id| {
         assert!(engine.session(id).unwrap().reason.unwrap().contains("driver has ended"));
     });
     assert_eq!(fakes.world().camera_opened, 4);
@@ -154,7 +154,7 @@ fn an_arm_that_stops_answering_is_recovered_and_its_station_shot_again() {
 fn an_arm_that_fails_four_times_ends_the_session() {
     let fakes = Fakes::default();
     fakes.on_arm(|call, world| (call == "move" && world.shots.len() == 2 && world.arm_opened <= 4).then(no_answer));
-    run(&fakes, S::Failed, |engine, id| {
+    run(&fakes, S::Interrupted, |engine, id| {
         assert_eq!(events(engine, id, "fault.raised").len(), 4);
         assert!(engine.session(id).unwrap().reason.unwrap().contains("the arm failed 4 times"));
     });

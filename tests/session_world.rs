@@ -229,12 +229,12 @@ fn a_board_that_hangs_past_its_dead_man_and_comes_back_is_recovered() {
 }
 
 #[test]
-fn an_unplugged_arm_fails_the_session_in_words_and_its_lamp_goes_off_by_itself() {
+fn an_unplugged_arm_interrupts_the_session_in_words_and_its_lamp_goes_off_by_itself() {
     let world = World::start();
     world.frames(4);
     std::fs::remove_file(world.data.path().join("arm")).unwrap();
     world.arm.unplug();
-    let end = world.end(S::Failed);
+    let end = world.end(S::Interrupted);
     let reason = end.reason.unwrap();
     assert!(reason.contains("the arm failed 4 times") && reason.contains("switch the lamp's supply off"), "{reason}");
     until("the dead-man", || world.pose.get().lamp_permille == 0);
@@ -259,11 +259,11 @@ fn bad_frames_are_retaken_for_their_reasons() {
 }
 
 #[test]
-fn a_body_that_keeps_cutting_files_off_fails_the_session_with_the_lamp_off() {
+fn a_body_that_keeps_cutting_files_off_interrupts_the_session_with_the_lamp_off() {
     let world = World::start();
     world.frames(5);
     (0..3).for_each(|_| world.camera.inject(Fault::TruncatedFile));
-    let reason = world.end(S::Failed).reason.unwrap();
+    let reason = world.end(S::Interrupted).reason.unwrap();
     assert!(reason.contains("refused 3 times") && reason.contains("cut off"), "{reason}");
     world.assert_at_rest();
 }

@@ -14,6 +14,7 @@ use rigd::devices::camera::{Camera, Shot};
 use rigd::numerics::image::Image;
 use rigd::pipeline::decode::decode;
 use rigd::pipeline::fit::OnProgress;
+use rigd::session::handle::SessionSnapshot;
 use rigd::session::plan::StartRequest;
 use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::SessionState;
@@ -106,8 +107,9 @@ fn survive(trouble: Trouble, frames: usize) {
     };
     let id = rigged.engine.start(&request, None).unwrap().snapshot.id;
     let begin = Instant::now();
-    while rigged.engine.session(&id).unwrap().frames_committed < frames {
-        assert!(begin.elapsed() < Duration::from_secs(60), "{trouble:?}: frame {frames} never came");
+    let there = |now: &SessionSnapshot| now.state == SessionState::Running && now.frames_committed >= frames;
+    while !there(&rigged.engine.session(&id).unwrap()) {
+        assert!(begin.elapsed() < Duration::from_secs(300), "{trouble:?}: frame {frames} never came");
         std::thread::sleep(Duration::from_millis(2));
     }
     match trouble {
