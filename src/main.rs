@@ -20,7 +20,7 @@ enum Command {
     Fit(fit::Args),
     Relight(relight::Args),
     Merge(merge::Args),
-    /// Measure the camera on photographs in a folder.
+    /// Calibrate the rig of a running daemon, or from photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
     Config(config::Args),
@@ -37,7 +37,7 @@ enum Command {
 enum Simulate {
     /// The simulated arm on a PTY, until SIGINT or SIGTERM.
     Arm(simulate::arm::Args),
-    /// Shoot the rig's plan with the simulated camera into a folder.
+    /// Shoot the rig's plan with the simulated camera into a folder, or serve it over PTP/IP.
     Camera(simulate::camera::Args),
 }
 
