@@ -30,7 +30,8 @@ fn rigd(args: &[&str]) {
 fn a_bracket_of_the_stock_program_merges_to_the_same_radiance() {
     if Command::new("gphoto2").arg("--version").output().is_err() {
         // Past the test harness, which keeps what a passing test says with a macro to itself.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: the program gphoto2 is not installed: no bracket was shot with it");
+        let _ =
+            writeln!(std::io::stderr(), "SKIPPED: the program gphoto2 is not installed: no bracket was shot with it");
         return;
     }
     let folder = tempfile::tempdir().unwrap();

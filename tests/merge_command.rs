@@ -100,3 +100,37 @@ fn half_a_picture_with_an_end_is_called_damaged() {
         assert!(said.contains("frame-6.jpg: the JPEG file is damaged or cut short"), "{said}");
     }
 }
+
+/// Photographs and lists are never what a calibration is written over, whatever its name.
+#[test]
+fn calibrations_are_written_as_json_and_never_over_an_input() {
+    let folder = tempfile::tempdir().unwrap();
+    bracket(folder.path(), 1.0);
+    let calibrate = |step: &str, out: &str, extra: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_rigd"))
+            .args(["calibrate", step])
+            .arg(folder.path())
+            .args(extra)
+            .arg("--out")
+            .arg(folder.path().join(out))
+            .output()
+            .unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let picture = names(folder.path()).into_iter().find(|name| !name.ends_with(".toml")).unwrap();
+    let before = std::fs::read(folder.path().join(&picture)).unwrap();
+    std::fs::write(folder.path().join("camera.json"), "{}").unwrap();
+    let camera = folder.path().join("camera.json").display().to_string();
+    for (step, extra) in [
+        ("response", &[][..]),
+        ("camera", &["--board", "9x6", "--square-mm", "15"]),
+        ("lights", &["--camera", &camera, "--radius-mm", "20"]),
+    ] {
+        let (status, said) = calibrate(step, &picture, extra);
+        assert!(status == Some(2) && said.contains("ends in .json"), "{step}: {status:?} {said}");
+    }
+    let (status, said) = calibrate("lights", "camera.json", &["--camera", &camera, "--radius-mm", "20"]);
+    assert!(status == Some(2) && said.contains("camera.json"), "{status:?} {said}");
+    assert_eq!(std::fs::read_to_string(&camera).unwrap(), "{}");
+    assert_eq!(std::fs::read(folder.path().join(&picture)).unwrap(), before);
+}

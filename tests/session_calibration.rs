@@ -232,7 +232,7 @@ fn a_frame_fault_is_asked_again_and_a_lost_camera_ends_the_run() {
     let id = begin(&running);
     shoot(&running, &id, one);
     shoot(&running, &id, two);
-    until("the failure", || running.calibration(&id).unwrap().state == S::Failed);
+    until("the failure", || running.calibration(&id).unwrap().state == S::Interrupted);
     assert!(running.calibration(&id).unwrap().reason.unwrap().contains("unplugged"));
     fakes.assert_safe();
 }

@@ -3,10 +3,10 @@
 mod corrections;
 mod list;
 mod raw;
-mod target;
 
 use super::calibrate::response::{summary, times_table};
 use super::error::print_line;
+use super::target::Target;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::bracket::{Bracket, PairTest};
 use crate::numerics::radiometry::dark::Dark;
@@ -19,7 +19,6 @@ use crate::pipeline::develop::{BracketFrame, read_bracket};
 use corrections::{Corrections, Merge, Rows, check_dark};
 use list::{Folder, Frame};
 use std::path::{Path, PathBuf};
-use target::Target;
 
 /// Merge the frames of a folder to linear radiance: response and HDR.
 #[derive(Clone, Debug, clap::Args)]
@@ -53,7 +52,8 @@ const TYPICAL_SENSOR: SensorNoise = SensorNoise { full_well_e: 80_000.0, read_no
 /// Merges the folder, writes the EXR and says on stdout what was found.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let folder = list::read(&args.dir)?;
-    let target = Target::new(args.out.unwrap_or_else(|| args.dir.join("radiance.exr")), &folder.inputs(&args.dir))?;
+    let out = args.out.unwrap_or_else(|| args.dir.join("radiance.exr"));
+    let target = Target::new(&out, "exr", &folder.inputs(&args.dir)).map_err(MergeInputError)?;
     if folder.is_raw(&args.dir)? {
         return raw::run(&args.dir, folder, args.estimator, &target);
     }
@@ -64,6 +64,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let unit = "level 128 is reached after 1 / radiance seconds".to_owned();
     let table = times_table(&merged.calibration.exposures, &merged.calibration.reference);
     let written = target.write(|path| rows.write(path, &attributes(args.estimator, table, unit)))?;
+    let written = format!("{written}wrote {}", target.path().display());
     Ok(print_line(merged.summary() + &written)?)
 }
 

@@ -12,3 +12,4 @@ pub mod serve;
 pub mod session;
 pub mod simulate;
 pub mod study;
+mod target;

@@ -95,7 +95,9 @@ pub enum EngineError {
     #[error("the plan is refused: {0}")]
     Plan(#[from] PlanError),
     /// A session or a calibration is running; the rig takes one at a time.
-    #[error("session or calibration {running} is {state}: stop or abort it, or wait for its end")]
+    #[error(
+        "session or calibration {running} is {state}: end it (`rigd session stop` or `abort`; a calibration with q in `rigd calibrate run`, or POST .../abort), or wait"
+    )]
     Busy {
         /// The run that holds the rig.
         running: String,

@@ -2,8 +2,8 @@
 
 use super::files;
 use crate::cli::error::{bad_input, print_line};
+use crate::cli::target::Target;
 use crate::pipeline::calibration::camera::{Board, CameraCalibration, Photograph, calibrate_camera};
-use anyhow::Context;
 use std::path::PathBuf;
 
 /// Measure the camera on photographs of a chessboard.
@@ -36,14 +36,15 @@ fn corners(text: &str) -> Result<(usize, usize), String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let target = Target::optional(args.out.as_deref(), "json", &[])?;
     let board = Board { columns: args.board.0, rows: args.board.1, square_mm: args.square_mm };
     let files = files::pictures(&args.folder).map_err(bad_input)?;
     let photographs: Vec<Photograph<'_>> = files.iter().map(|(name, bytes)| Photograph { name, bytes }).collect();
     let found = calibrate_camera(&photographs, &board)
         .map_err(|error| bad_input(format!("{}: {error}", args.folder.display())))?;
     let json = serde_json::to_string_pretty(&found)?;
-    if let Some(out) = &args.out {
-        std::fs::write(out, &json).with_context(|| format!("{}: the file cannot be written", out.display()))?;
+    if let Some(target) = target {
+        target.write_text(&json)?;
     }
     Ok(print_line(if args.json { json } else { summary(&found).trim_end().to_owned() })?)
 }

@@ -4,6 +4,7 @@ mod folder;
 
 use super::files;
 use crate::cli::error::{bad_input, print_line};
+use crate::cli::target::Target;
 use crate::numerics::calibration::lights::highlight::Spots;
 use crate::numerics::image::RadianceImage;
 use crate::pipeline::calibration::lights::{
@@ -11,7 +12,6 @@ use crate::pipeline::calibration::lights::{
 };
 use crate::pipeline::decode::decode;
 use crate::store::exr::read_radiance;
-use anyhow::Context;
 use folder::{CameraFile, LightsFile};
 use std::path::{Path, PathBuf};
 
@@ -55,6 +55,7 @@ fn positive(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let target = Target::optional(args.out.as_deref(), "json", std::slice::from_ref(&args.camera))?;
     let camera = CameraFile::read(&args.camera).map_err(bad_input)?;
     let list = LightsFile::read(&args.folder).map_err(bad_input)?;
     let settings = LightsSettings {
@@ -81,8 +82,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         found.warnings.extend(warning);
     }
     let json = serde_json::to_string_pretty(&found)?;
-    if let Some(out) = &args.out {
-        std::fs::write(out, &json).with_context(|| format!("{}: the file cannot be written", out.display()))?;
+    if let Some(target) = target {
+        target.write_text(&json)?;
     }
     Ok(print_line(if args.json { json } else { summary(&found, &lights).trim_end().to_owned() })?)
 }

@@ -2,8 +2,8 @@
 
 use crate::cli::error::{bad_input, print_line};
 use crate::cli::merge::bracket_of;
+use crate::cli::target::Target;
 use crate::pipeline::calibration::response::{Expected, ExposureTime, Method, ResponseCalibration, calibrate};
-use anyhow::Context;
 use std::path::PathBuf;
 
 /// Measure shutter times and response curve on one bracket of 8-bit frames.
@@ -33,6 +33,7 @@ enum MethodName {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let target = Target::optional(args.out.as_deref(), "json", &[])?;
     let bracket = bracket_of(&args.folder)?;
     let method = match args.method {
         MethodName::Debevec => Method::Debevec,
@@ -42,8 +43,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .map_err(|error| bad_input(format!("{}: {error}", args.folder.display())))?
         .calibration;
     let json = serde_json::to_string_pretty(&found)?;
-    if let Some(out) = &args.out {
-        std::fs::write(out, &json).with_context(|| format!("{}: the file cannot be written", out.display()))?;
+    if let Some(target) = target {
+        target.write_text(&json)?;
     }
     Ok(print_line(if args.json { json } else { summary(&found).trim_end().to_owned() })?)
 }

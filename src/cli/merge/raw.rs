@@ -2,10 +2,10 @@
 
 use super::corrections::{Corrections, Rows, check_dark_radiance};
 use super::list::{Folder, Frame};
-use super::target::Target;
 use super::{MergeInputError, attributes, refuse, same_size};
 use crate::cli::calibrate::response::times_table;
 use crate::cli::error::print_line;
+use crate::cli::target::Target;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::dark::Dark;
 use crate::numerics::radiometry::flat::{Fields, Flat};
@@ -40,6 +40,7 @@ pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, target: &Tar
     let table = times_table(&times.exposures, &times.reference);
     let unit = format!("a photosite saturates after 1 / radiance seconds at ISO {iso}");
     let written = target.write(|path| rows.write(path, &attributes(estimator, table.clone(), unit)))?;
+    let written = format!("{written}wrote {}", target.path().display());
     let mut found = format!("{} raw frames, {}x{} pixels\n{shot_with}{table}", bracket.frames().len(), size.0, size.1);
     times.warnings.iter().for_each(|warning| found += &format!("warning: {warning}\n"));
     Ok(print_line(found + &corrections.summary() + &written)?)

@@ -30,7 +30,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
         let arm = SimulatedArm::spawn(ArmConfig::from_rig(&rig, SharedPose::default())).context("no PTY can be had")?;
-        let _link = args.link.as_deref().map(|link| Link::make(link, arm.port())).transpose()?;
+        let _link = args.link.as_deref().map(|link| Link::make(link, arm.port(), "--link")).transpose()?;
         writeln!(io::stdout(), "{}", arm.port().display())?;
         tokio::select! {
             _ = interrupt.recv() => {}
@@ -45,13 +45,13 @@ pub(super) struct Link<'a>(&'a Path);
 
 impl<'a> Link<'a> {
     /// A link left by an earlier run is replaced; anything else by that name is refused.
-    pub(super) fn make(link: &'a Path, target: &Path) -> anyhow::Result<Self> {
+    pub(super) fn make(link: &'a Path, target: &Path, option: &str) -> anyhow::Result<Self> {
         match fs::symlink_metadata(link) {
             Ok(found) if found.is_symlink() => fs::remove_file(link)?,
             Ok(_) => {
                 let name = link.display();
                 return Err(bad_input(format!(
-                    "{name}: there is a file by that name: remove it or choose another --link"
+                    "{name}: there is a file by that name: remove it or choose another {option}"
                 )));
             }
             Err(_) => {}
@@ -78,12 +78,12 @@ mod tests {
         let path = directory.path().join("arm");
         symlink("/dev/gone", &path).unwrap();
         {
-            let _link = Link::make(&path, Path::new("/dev/null")).unwrap();
+            let _link = Link::make(&path, Path::new("/dev/null"), "--link").unwrap();
             assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/null"));
         }
         assert!(fs::symlink_metadata(&path).is_err());
         fs::write(&path, "mine").unwrap();
-        assert!(Link::make(&path, Path::new("/dev/null")).is_err());
+        assert!(Link::make(&path, Path::new("/dev/null"), "--link").is_err());
         assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
     }
 }

@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "PORT", conflicts_with = "out")]
     serve: Option<u16>,
     /// Serve the arm as well, whose lamp then lights the scene: a link to its PTY. For `rigd serve` with both.
-    #[arg(long, value_name = "PATH", requires = "serve")]
+    #[arg(long, value_name = "PATH", requires = "serve", conflicts_with = "out")]
     arm_link: Option<PathBuf>,
     /// Shoot another object than the rig file names.
     #[arg(long, value_enum)]

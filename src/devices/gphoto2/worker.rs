@@ -40,7 +40,9 @@ pub enum WorkerError {
         reason: String,
     },
     /// It ended, or said what is no reply.
-    #[error("the camera worker failed: {0}")]
+    #[error(
+        "the camera worker failed ({0}): look at cable and camera, switch it off and on; if this repeats, start camera-worker by hand"
+    )]
     Lost(String),
     /// It was killed at the call's deadline.
     #[error("the camera did not answer within {0:.0} s")]

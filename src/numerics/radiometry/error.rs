@@ -56,9 +56,7 @@ pub enum BracketError {
         remedy: String,
     },
     /// One picture under two times.
-    #[error(
-        "frames {a} and {b} are the same picture, pixel for pixel, under two times: give the file of the exposure that is missing"
-    )]
+    #[error("frames {a} and {b} are the same picture, pixel for pixel: give the file of the exposure that is missing")]
     SamePicture {
         /// A frame.
         a: String,
@@ -79,7 +77,8 @@ pub enum BracketError {
     },
     /// Too few frames show the same pixels.
     #[error(
-        "{found} frames show enough of what another frame shows, at least {needed} must: shoot exposures at most 2 EV apart, none black or clipped"
+        "{found} frames show enough of what another frame shows; at least {needed} of different times must: shoot exposures at most 2 EV apart, none \
+         black or clipped"
     )]
     TooFewOverlap {
         /// Frames that overlap.

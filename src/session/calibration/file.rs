@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// Name of the file: in the run's `result/`, and copied into the directory of every session that uses it.
 pub const NAME: &str = "calibration.json";
+/// Key of its hash (blake3) in what the journal says was found in the last step.
+pub const FILE_HASH: &str = "calibration_blake3";
 
 /// Where a run keeps it.
 pub fn path(directory: &Path) -> PathBuf {

@@ -2,7 +2,7 @@
 //! what is wrong while board, card or balls still stand there.
 
 use super::exposure;
-use super::file::{CalibrationFile, NAME};
+use super::file::{CalibrationFile, FILE_HASH, NAME};
 use super::plan::PlannedStep;
 use super::radiance::{self, RadianceError, Stations};
 use super::step::Step;
@@ -168,8 +168,10 @@ impl Measuring {
         })?;
         let first = read_frame(&job.directory, first_frame(job, 0)?).map_err(fail)?;
         let file = CalibrationFile { optics: Optics::of(&first), ..self.file(job, camera, response, lights) };
-        write(job, &file)?;
-        Ok(summary_of(&file))
+        let hash = write(job, &file)?;
+        let mut summary = summary_of(&file);
+        summary[FILE_HASH] = hash.into();
+        Ok(summary)
     }
 
     fn file(
@@ -244,15 +246,16 @@ fn all_views(job: &StepJob, board: &Board) -> Result<CameraCalibration, Stop> {
     }
 }
 
-/// The calibration in `result/`, whole or not at all.
-fn write(job: &StepJob, file: &CalibrationFile) -> Result<(), Stop> {
+/// The calibration in `result/`, whole or not at all; its hash, for the journal.
+fn write(job: &StepJob, file: &CalibrationFile) -> Result<String, Stop> {
     let (unfinished, finished) = (job.directory.join(".result"), job.directory.join("result"));
     clear(&unfinished).and_then(|()| clear(&finished)).map_err(fail)?;
     let text = serde_json::to_string_pretty(file).map_err(fail)?;
+    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
     let written = std::fs::create_dir(&unfinished)
         .and_then(|()| std::fs::write(unfinished.join(NAME), text))
         .and_then(|()| std::fs::rename(&unfinished, &finished));
-    written.map_err(|e| fail(format!("cannot write {}: {e}", finished.join(NAME).display())))
+    written.map(|()| hash).map_err(|e| fail(format!("cannot write {}: {e}", finished.join(NAME).display())))
 }
 
 fn summary_of_camera(camera: &CameraCalibration) -> Value {

@@ -2,7 +2,7 @@
 
 use super::{EngineError, EngineHandle};
 use crate::session::book::{Entry, Inner};
-use crate::session::calibration::file::{self, CalibrationFile};
+use crate::session::calibration::file::{self, CalibrationFile, FILE_HASH};
 use crate::session::calibration::plan::{CalibrationPlan, CalibrationRequest};
 use crate::session::calibration::progress::CalibrationSnapshot;
 use crate::session::calibration::stale;
@@ -94,7 +94,14 @@ impl EngineHandle {
         match request.calibration.as_deref() {
             Some("none") => Ok(None),
             None => match latest(inner) {
-                None => Ok(None),
+                None => {
+                    if self.rig.calibration.is_some() {
+                        let words =
+                            "lights and camera are the rig file's: there is no calibration yet (rigd calibrate run)";
+                        plan.warnings.push(words.into());
+                    }
+                    Ok(None)
+                }
                 Some(entry) => self.put(entry, plan).or_else(|reason| {
                     let id = &entry.manifest.id;
                     plan.warnings
@@ -103,7 +110,7 @@ impl EngineHandle {
                 }),
             },
             Some("latest") => match latest(inner) {
-                None => Err(refuse("there is none yet: make one (rigd calibrate run), or leave the key out".into())),
+                None => Err(refuse("there is none yet: make one (rigd calibrate run), or do not name one".into())),
                 Some(entry) => self.put(entry, plan).map_err(refuse),
             },
             Some(id) => match inner.calibration(id) {
@@ -120,6 +127,15 @@ impl EngineHandle {
             EngineError::DamagedCalibration { id, version, reason }.to_string()
         };
         let (found, text) = CalibrationFile::read(&file::path(&entry.directory)).map_err(damaged)?;
+        let journalled = entry.ledger.progress.as_ref().and_then(|progress| progress.verdicts.last());
+        let hash = journalled.and_then(|verdict| verdict.found[FILE_HASH].as_str());
+        if hash.is_some_and(|hash| hash != blake3::hash(text.as_bytes()).to_hex().as_str()) {
+            let path = file::path(&entry.directory);
+            return Err(damaged(format!(
+                "{}: it is not what was measured (its hash is not the journal's): put the file back from a copy, or calibrate anew",
+                path.display()
+            )));
+        }
         found.check_rig(&self.rig)?;
         let mut stations = plan.stations.clone();
         for station in &mut stations {

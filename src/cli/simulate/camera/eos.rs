@@ -28,7 +28,8 @@ pub(super) fn serve(
         let pose = pose_at(rig, station)?;
         let arm = arm_link.map(|_| SimulatedArm::spawn(ArmConfig::from_rig(rig, pose.clone()))).transpose();
         let arm = arm.context("no PTY can be had")?;
-        let link = arm_link.zip(arm.as_ref()).map(|(link, arm)| Link::make(link, arm.port())).transpose()?;
+        let link =
+            arm_link.zip(arm.as_ref()).map(|(link, arm)| Link::make(link, arm.port(), "--arm-link")).transpose()?;
         let camera = SimulatedCamera::new(rig, simulation, pose, CameraFaults::default());
         let options = BodyOptions { speed: simulation.speed, ..BodyOptions::default() };
         let body = Body::new(Box::new(EosSensor::new(camera)), options)?;
@@ -46,10 +47,10 @@ pub(super) fn serve(
 
 fn pose_at(rig: &Rig, station: Option<usize>) -> anyhow::Result<SharedPose> {
     let stations = &rig.plan.stations_deg;
-    let angle = stations.get(station.unwrap_or(0)).copied();
-    let angle_deg = angle.with_context(|| {
-        bad_input(format!("--station: the plan has stations 0 to {}", stations.len().saturating_sub(1)))
-    })?;
+    let n = station.unwrap_or(0);
+    let last = stations.len().saturating_sub(1);
+    let angle_deg =
+        *stations.get(n).ok_or_else(|| bad_input(format!("--station {n}: the plan has stations 0 to {last}")))?;
     let pose = SharedPose::default();
     pose.set(Pose { angle_deg, lamp_permille: rig.lamp.level_permille });
     Ok(pose)

@@ -122,6 +122,17 @@ pub enum LightsCalibrationError {
     /// A singular problem.
     #[error("the highlights do not determine the light positions: place the balls farther apart, not in a row")]
     Undetermined,
+    /// Highlights far from wherever one geometry puts them.
+    #[error(
+        "the highlights lie {rms_px:.1} px rms from where one arm and these balls can put them{doubts}: look for exchanged or turned frames, angles of \
+         other lights or in radians, another camera or radius"
+    )]
+    NoFit {
+        /// Rms distance, pixels.
+        rms_px: f64,
+        /// Lights and balls that fit least, in words.
+        doubts: String,
+    },
     /// The card is unusable.
     #[error("{file}: {reason}")]
     Card {
@@ -168,6 +179,11 @@ pub fn calibrate_lights(
         angle_sigma: settings.angle_sigma_deg.to_radians(),
     };
     let solved = solve(&scene).map_err(|error| explain(&error, lights))?;
+    if solved.rms_px > MOST_RMS_PX {
+        let told =
+            solved.misfits.iter().map(|misfit| format!("; {}", words(misfit, lights, &solved, &scene.sightings).1));
+        return Err(LightsCalibrationError::NoFit { rms_px: solved.rms_px, doubts: told.collect() });
+    }
     Ok(report(lights, settings, &balls, &scene.sightings, &solved, (own, warnings)))
 }
 
@@ -188,6 +204,8 @@ fn explain(error: &SolveError, lights: &[LightFrames]) -> LightsCalibrationError
     }
 }
 
+/// Beyond this the frames do not belong together, pixels: a highlight is seen to a few tenths, one of another frame lies ten off.
+const MOST_RMS_PX: f64 = 5.0;
 /// Beyond this the residuals are no longer noise of a tenth of a pixel.
 const LARGE_FACTOR: f64 = 6.0;
 
