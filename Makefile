@@ -8,13 +8,13 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	unit-file openapi contract
+	firmware firmware-cross unit-file openapi contract
 .NOTPARALLEL:
 
 demo:
 	cargo run --release -- demo
 
-test: packages photographs format lint units features documentation no-std golden-frames oracle release simulated studies \
+test: packages photographs format lint units features documentation no-std golden-frames firmware oracle release simulated studies \
 		unit-file contract openapi
 	$(heading) 'all checks passed'
 
@@ -75,6 +75,19 @@ no-std:
 golden-frames:
 	$(heading) 'golden frames, packed by hand'
 	@python3 firmware-protocol/golden/check.py
+
+# The cross-build fetches a compiler, so it is not made here before somebody has asked for it once.
+firmware:
+	$(heading) 'firmware: motion and protocol on a simulated arm'
+	@cargo fmt --all --manifest-path firmware/Cargo.toml --check
+	@$(CARGO) clippy --quiet --manifest-path firmware/Cargo.toml --target-dir '$(TARGET)/firmware' --all-targets -- -D warnings
+	@$(CARGO) test --quiet --manifest-path firmware/Cargo.toml --target-dir '$(TARGET)/firmware'
+	@if [ -e '$(TARGET)/firmware-cross/arm-pico.uf2' ]; then $(MAKE) --no-print-directory firmware-cross; \
+	else echo 'SKIPPED: cross-build and QEMU, until make firmware-cross has fetched what they need'; fi
+
+firmware-cross:
+	$(heading) 'firmware for the Pico, and in QEMU'
+	@firmware/cross-build && firmware/qemu-check
 
 oracle: $(TARGET)/oracle/installed
 	$(heading) 'the fit and the BRDF models against independent scripts'

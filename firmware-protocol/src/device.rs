@@ -221,7 +221,8 @@ impl<H: Hal> Device<H> {
         self.set_lamp(now_ms, 0, 0);
     }
 
-    fn status(&self) -> Status {
+    /// What a status request is answered with.
+    pub fn status(&self) -> Status {
         let motor = self.hal.motor();
         Status {
             move_id: self.move_id,

@@ -15,9 +15,12 @@ const MIN_RAW: usize = HEADER + CRC_BYTES;
 const MAX_RAW: usize = MIN_RAW + MAX_PAYLOAD;
 pub(crate) const MAX_ENCODED: usize = cobs::max_encoding_length(MAX_RAW);
 
+/// Its table is made by the compiler, for a microcontroller would take longer to make it than to use it.
+static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
+
 /// CRC-16/IBM-3740 (CCITT-FALSE: polynomial 0x1021, start 0xffff, not reflected, no final xor).
 pub fn crc16(bytes: &[u8]) -> u16 {
-    Crc::<u16>::new(&CRC_16_IBM_3740).checksum(bytes)
+    CRC.checksum(bytes)
 }
 
 /// Up to [`MAX_PAYLOAD`] bytes.
