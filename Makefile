@@ -22,15 +22,12 @@ packages:
 	$(heading) 'Debian packages'
 	@missing=; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
-<<<<<<< HEAD
 	command -v cmake >/dev/null || missing="$$missing cmake"; \
 	command -v nasm >/dev/null || missing="$$missing nasm"; \
-=======
 	pkg-config --exists libgphoto2 2>/dev/null || missing="$$missing pkg-config libgphoto2-dev"; \
 	ls /usr/lib/llvm-*/lib/libclang.so* /usr/lib/llvm-*/lib/clang/*/include/stdarg.h >/dev/null 2>&1 || \
 		missing="$$missing libclang-dev"; \
 	command -v gphoto2 >/dev/null || missing="$$missing gphoto2"; \
->>>>>>> 2e0ff4e0fee2d928097d3b528ede557aae65724e
 	python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3 python3-venv"; \
 	if [ -z "$$missing" ]; then echo 'all there'; exit 0; fi; \
 	as_root=$$([ "$$(id -u)" = 0 ] || echo sudo); \

@@ -1,7 +1,7 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{bench, calibrate, config, demo, error, fit, merge, relight, serve, session, simulate, study};
+use rigd::cli::{bench, calibrate, config, demo, doctor, error, fit, merge, relight, serve, session, simulate, study};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -24,6 +24,7 @@ enum Command {
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
     Config(config::Args),
+    Doctor(doctor::Args),
     Bench(bench::Args),
     /// Measure the solvers on scenes of known truth: tables and charts.
     #[command(subcommand)]
@@ -59,6 +60,7 @@ fn main() -> ExitCode {
         Command::Merge(args) => merge::run(args),
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Study(study) => study::run(&study),
         Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),

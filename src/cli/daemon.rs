@@ -4,9 +4,10 @@ mod operator;
 
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
-use crate::devices::camera::Camera;
+use crate::devices::camera::{Camera, CameraError};
 use crate::devices::gphoto2::{Gphoto2Camera, Gphoto2Settings, KnownBody, WorkerCommand, remedies};
 use crate::devices::grbl::{GrblArm, GrblSettings};
+use crate::devices::inspect::{self, Host};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use crate::http::{self, HttpState};
@@ -22,7 +23,7 @@ use anyhow::Context;
 use operator::Operator;
 use rig_config::{ArmDriver, CameraDriver, Rig};
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -116,6 +117,35 @@ fn camera_worker() -> std::io::Result<PathBuf> {
     Ok(std::env::current_exe()?.with_file_name("camera-worker"))
 }
 
+/// The rig's arm and camera, for whoever looks at them without a daemon.
+///
+/// # Errors
+/// No PTY for a simulated arm; a rig that lacks its `[simulation]`.
+pub fn devices(rig: &Rig) -> anyhow::Result<(OpenArm, OpenCamera)> {
+    let pose = SharedPose::default();
+    let camera = camera_factory(rig, &pose, &Operator::default(), &KnownBody::default())?;
+    Ok((arm_factory(rig, &pose)?, camera))
+}
+
+/// Refuses a port that is not there, may not be used or is held: opening it would disturb whoever talks to the arm.
+fn check_port(port: &Path) -> Result<(), ArmError> {
+    match inspect::refusal(&inspect::port::look(&Host::this(), port)) {
+        Some(reason) => Err(ArmError::Port { port: port.display().to_string(), reason }),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a camera that may not be used or is held.
+fn check_camera(port: Option<&str>) -> Result<(), CameraError> {
+    if port.is_some_and(|port| !port.starts_with("usb:")) {
+        return Ok(());
+    }
+    match inspect::refusal(&inspect::usb::refusals(&Host::this(), port)) {
+        Some(reason) => Err(CameraError::Unusable { reason }),
+        None => Ok(()),
+    }
+}
+
 fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     let settings = |port: PathBuf| RigprotoSettings::new(port, &rig.arm);
     let open = |settings: &RigprotoSettings| -> Result<Box<dyn Arm>, ArmError> {
@@ -124,11 +154,17 @@ fn arm_factory(rig: &Rig, pose: &SharedPose) -> anyhow::Result<OpenArm> {
     match &rig.arm.driver {
         ArmDriver::Rigproto { port } => {
             let settings = settings(port.clone());
-            Ok(Box::new(move || open(&settings)))
+            Ok(Box::new(move || {
+                check_port(&settings.port)?;
+                open(&settings)
+            }))
         }
         ArmDriver::Grbl { port, lamp, zero_deg } => {
             let settings = GrblSettings { port: port.clone(), lamp: *lamp, zero_deg: *zero_deg, arm: rig.arm.clone() };
-            Ok(Box::new(move || Ok(Box::new(GrblArm::open(settings.clone())?) as Box<dyn Arm>)))
+            Ok(Box::new(move || {
+                check_port(&settings.port)?;
+                Ok(Box::new(GrblArm::open(settings.clone())?) as Box<dyn Arm>)
+            }))
         }
         ArmDriver::Simulated => {
             let arm = SimulatedArm::spawn(ArmConfig::from_rig(rig, pose.clone())).context("no PTY can be had")?;
@@ -146,7 +182,10 @@ fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator, body: &Know
     match (&rig.camera.driver, &rig.simulation) {
         (CameraDriver::Gphoto2 { .. }, _) => {
             let settings = gphoto2_settings(rig, body)?;
-            Ok(Box::new(move || Ok(Box::new(Gphoto2Camera::open(settings.clone())?) as Box<dyn Camera>)))
+            Ok(Box::new(move || {
+                check_camera(settings.port.as_deref())?;
+                Ok(Box::new(Gphoto2Camera::open(settings.clone())?) as Box<dyn Camera>)
+            }))
         }
         (CameraDriver::Replay { directory }, _) => {
             let (directory, exposures) = (directory.clone(), rig.plan.exposures.len());
@@ -166,7 +205,7 @@ fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator, body: &Know
 /// Directory for libgphoto2's settings, beside the sessions.
 const CAMERA_HOME: &str = "camera-home";
 
-fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gphoto2Settings> {
+pub(super) fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gphoto2Settings> {
     let CameraDriver::Gphoto2 { model, port, .. } = &rig.camera.driver else {
         return Err(bad_input("camera.driver is not \"gphoto2\""));
     };

@@ -4,6 +4,7 @@ pub mod calibrate;
 pub mod config;
 pub mod daemon;
 pub mod demo;
+pub mod doctor;
 pub mod error;
 pub mod fit;
 pub mod merge;

@@ -3,6 +3,7 @@ pub mod arm;
 pub mod camera;
 pub mod gphoto2;
 pub mod grbl;
+pub mod inspect;
 mod motion;
 pub mod replay;
 pub mod rigproto;

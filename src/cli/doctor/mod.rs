@@ -1,0 +1,99 @@
+//! `rigd doctor`: finds what would keep a session from running, before the night.
+
+pub mod clock;
+pub mod data;
+mod devices;
+
+use super::daemon;
+use super::error::print_line;
+use super::serve::read_rig;
+use crate::devices::inspect::{Finding, Grade, Host};
+use crate::store::RealDisk;
+use crate::store::files::escaped;
+use rig_config::{CameraDriver, Rig};
+use std::path::PathBuf;
+
+/// Find what would keep a session from running: devices and who holds them, permissions, camera mode and worker, disk, clock.
+///
+/// The arm shakes hands and the camera is opened where nobody else holds them; the motor is not turned, the lamp not switched on.
+/// Exit status: 0 all well (warnings allowed), 1 something keeps a session from running, 2 wrong usage or a bad rig file.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Rig file.
+    #[arg(long)]
+    config: PathBuf,
+    /// Directory of all sessions, as for rigd serve. Wins over the rig file.
+    #[arg(long)]
+    data: Option<PathBuf>,
+    /// Print the findings as a JSON array and nothing else.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let rig = match read_rig(&args.config) {
+        Ok((rig, _)) => rig,
+        Err(error) => {
+            if args.json {
+                let remedy = "correct the rig file; `rigd config show zheng-2008` explains the keys";
+                print(&[Finding::error(args.config.display(), format!("{error:#}"), remedy)], true)?;
+            }
+            return Err(error);
+        }
+    };
+    let rig = Rig { storage: storage(&rig, args), ..rig };
+    let mut findings = vec![Finding::ok(args.config.display(), format!("sound ({})", rig.name))];
+    findings.extend(examine(&Host::this(), &rig)?);
+    print(&findings, args.json)?;
+    match findings.iter().filter(|finding| finding.grade == Grade::Error).count() {
+        0 => Ok(()),
+        errors => anyhow::bail!("{errors} of {} findings keep a session from running", findings.len()),
+    }
+}
+
+fn storage(rig: &Rig, args: &Args) -> rig_config::Storage {
+    let data = args.data.clone().unwrap_or_else(|| rig.storage.data.clone());
+    rig_config::Storage { data, ..rig.storage.clone() }
+}
+
+/// Everything but the rig file itself.
+fn examine(host: &Host, rig: &Rig) -> anyhow::Result<Vec<Finding>> {
+    let daemon_there = data::holder(host, &rig.storage.data);
+    // Dropping an arm switches its lamp off: not that of a session that another daemon may be about to start.
+    let may_open = daemon_there.is_none();
+    let (mut open_arm, mut open_camera) = daemon::devices(rig)?;
+    let mut findings = devices::arm(host, rig, may_open.then_some(&mut open_arm));
+    match &rig.camera.driver {
+        CameraDriver::Gphoto2 { .. } => {
+            let frames = rig.plan.stations_deg.len() * rig.plan.exposures.len();
+            findings.extend(devices::gphoto2(host, rig, frames, may_open)?);
+        }
+        CameraDriver::Replay { .. } | CameraDriver::Simulated => {
+            findings.push(devices::plain_camera(rig, &mut open_camera));
+        }
+    }
+    findings.push(data::room(host, rig, &RealDisk));
+    findings.extend(daemon_there);
+    findings.push(clock::look(host, jiff::Timestamp::now()));
+    Ok(findings)
+}
+
+fn print(findings: &[Finding], json: bool) -> anyhow::Result<()> {
+    if json {
+        return Ok(print_line(serde_json::to_string_pretty(findings)?)?);
+    }
+    for Finding { grade, what, place, remedy } in findings {
+        let grade = match grade {
+            Grade::Ok => "ok",
+            Grade::Warning => "warning",
+            Grade::Error => "error",
+        };
+        // Names of devices and programs are other people's: their control characters must not reach the terminal.
+        print_line(format!("{grade:8} {}: {}", escaped(place), escaped(what)))?;
+        if let Some(remedy) = remedy {
+            print_line(format!("{:8} -> {}", "", escaped(remedy)))?;
+        }
+    }
+    Ok(())
+}
