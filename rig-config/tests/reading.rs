@@ -170,7 +170,6 @@ fn each_contradiction_is_named_alone() {
         (&[("listen = \"127.0.0.1:7040\"", "listen = \"localhost\"")], "server.listen", "ADDRESS:PORT"),
         (&[("listen = \"127.0.0.1:7040\"", "listen = \"192.168.0.2:80\"")], "server.listen", "loopback"),
         (&[("driver = \"simulated\"", "driver = \"simulated\"\nport = \"/dev/ttyUSB0\"")], "arm.port", "no meaning"),
-        (&[("driver = \"simulated\"", "driver = \"grbl\"")], "arm.port", "missing"),
         (&[("width = 288", "directory = \"frames\"\nwidth = 288")], "camera.directory", "replay"),
         (&[("[simulation]\n", "[camera.extra]\n")], "simulation", "missing"),
     ];
@@ -181,6 +180,12 @@ fn each_contradiction_is_named_alone() {
         let alone = error.reasons.len() == 1 || error.reasons.iter().all(|r| r.key == *key || r.key == "camera.extra");
         assert!(alone, "{error}");
     }
+    // A real arm lacks what its driver needs, and the simulated camera photographs the simulated arm only.
+    let grbl = refused(&[("driver = \"simulated\"", "driver = \"grbl\"")]);
+    assert_eq!(keys(&grbl), ["arm.port", "arm.grbl_lamp", "arm.grbl_zero_deg", "camera.driver"]);
+    let lamp = "driver = \"grbl\"\nport = \"/dev/x\"\ngrbl_lamp = \"coolant\"\ngrbl_zero_deg = 175";
+    let coolant = refused(&[("driver = \"simulated\"", lamp)]);
+    assert_eq!(keys(&coolant), ["lamp.level_permille", "camera.driver"]);
     let paper = SHIPPED[0].1.to_owned() + "\n[simulation]\nscene = \"wood\"\nseed = 1\nspeed = 1\n";
     assert_eq!(keys(&Rig::from_toml(&paper, "").unwrap_err()), ["simulation"]);
 }
