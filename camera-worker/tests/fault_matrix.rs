@@ -63,6 +63,8 @@ enum Trouble {
     Camera(Fault, u32),
     /// Name and what it does.
     Arm(&'static str, fn(&ArmFaults)),
+    /// Its cable is pulled for good.
+    Unplugged,
 }
 
 /// Everything the list names, where it can strike.
@@ -90,7 +92,7 @@ fn troubles() -> Vec<Trouble> {
     all.push(Trouble::Camera(Fault::TruncatedTransfer, 1));
     all.push(Trouble::Camera(Fault::TruncatedTransfer, 1000));
     all.push(Trouble::Arm("reboot", ArmFaults::reboot));
-    all.push(Trouble::Arm("unplug", ArmFaults::unplug));
+    all.push(Trouble::Unplugged);
     all.push(Trouble::Arm("noise", |arm| arm.noise(300)));
     all.push(Trouble::Arm("lost answers", |arm| arm.drop_answers(2)));
     all.push(Trouble::Arm("garbled answers", |arm| arm.garble_answers(2)));
@@ -125,6 +127,7 @@ fn survive(trouble: Trouble, frames: usize) {
             }
         }
         Trouble::Arm(_, strike) => strike(&rigged.arm),
+        Trouble::Unplugged => rigged.unplug_arm(),
     }
     let ended = rigged.ended(&id);
     let told = format!("{trouble:?} after {frames} frames: {:?} ({:?})", ended.state, ended.reason);
@@ -142,7 +145,7 @@ fn survive(trouble: Trouble, frames: usize) {
         std::thread::sleep(Duration::from_millis(20));
     }
     let pose = rigged.pose.get();
-    if !matches!(trouble, Trouble::Arm("unplug", _)) {
+    if !matches!(trouble, Trouble::Unplugged) {
         assert!((pose.angle_deg - PARK_DEG).abs() < 0.1, "{told}: not parked but at {}", pose.angle_deg);
     }
     every_frame_is_right(&rigged, &id, &told);

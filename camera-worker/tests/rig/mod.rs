@@ -100,6 +100,12 @@ impl Rigged {
         }
     }
 
+    /// Pulls the arm's cable: its name goes with it, before the number of its PTY can be another session's.
+    pub fn unplug_arm(&self) {
+        std::fs::remove_file(self.data.path().join("arm")).unwrap();
+        self.arm.unplug();
+    }
+
     pub fn directory(&self, id: &str) -> PathBuf {
         self.data.path().join("data").join("sessions").join(id)
     }
