@@ -126,7 +126,10 @@ fn survive(trouble: Trouble, frames: usize) {
                 });
             }
         }
-        Trouble::Arm(_, strike) => strike(&rigged.arm),
+        Trouble::Arm(name, strike) => {
+            println!("arm: {name}");
+            strike(&rigged.arm);
+        }
         Trouble::Unplugged => rigged.unplug_arm(),
     }
     let ended = rigged.ended(&id);
