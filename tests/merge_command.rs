@@ -134,3 +134,17 @@ fn calibrations_are_written_as_json_and_never_over_an_input() {
     assert_eq!(std::fs::read_to_string(&camera).unwrap(), "{}");
     assert_eq!(std::fs::read(folder.path().join(&picture)).unwrap(), before);
 }
+
+#[test]
+fn a_frame_listed_twice_and_a_lamp_that_none_is_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    bracket(folder.path(), 1.0);
+    let list = folder.path().join("exposures.toml");
+    let text = std::fs::read_to_string(&list).unwrap();
+    std::fs::write(&list, format!("{text}{text}")).unwrap();
+    assert!(refusal(folder.path(), &[]).contains("is listed twice"));
+    let patch = "[reference_patch]\nx = 90\ny = 60\nwidth = 30\nheight = 30\nradiance = [1e-30, 1e30, 1.0]\n";
+    std::fs::write(&list, format!("{text}{patch}")).unwrap();
+    let said = refusal(folder.path(), &[]);
+    assert!(said.contains("of its brightness"), "{said}");
+}

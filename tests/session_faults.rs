@@ -168,7 +168,7 @@ fn a_blocked_arm_is_no_matter_for_trying_again() {
         let now = call == "move" && world.shots.len() == 2 && !std::mem::replace(&mut blocked, true);
         now.then_some(ArmError::NotArrived { angle_deg: 3.0, target_deg: 15.0, waited_s: 4.0 })
     });
-    run(&fakes, S::Failed, |engine, id| {
+    run(&fakes, S::Interrupted, |engine, id| {
         assert!(engine.session(id).unwrap().reason.unwrap().contains("blocked arm"));
     });
 }

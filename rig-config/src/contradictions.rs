@@ -120,6 +120,12 @@ fn travel(view: &View, found: &mut Found) {
         );
         return;
     }
+    if let Some(zero) = view.number("arm.grbl_zero_deg").filter(|zero| *zero < upper) {
+        let words = format!(
+            "{zero} is below the upper angle {upper} of arm.travel_deg: GRBL's position 0 is the upper end of what it reaches"
+        );
+        found.refuse("arm.grbl_zero_deg", words);
+    }
     let outside = |x: f64| x < lower || x > upper;
     if let Some(park) = view.number("arm.park_deg").filter(|park| outside(*park)) {
         found.refuse("arm.park_deg", format!("{park} is outside arm.travel_deg [{lower}, {upper}]: park inside it"));

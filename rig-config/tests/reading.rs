@@ -183,6 +183,8 @@ fn each_contradiction_is_named_alone() {
     // A real arm lacks what its driver needs, and the simulated camera photographs the simulated arm only.
     let grbl = refused(&[("driver = \"simulated\"", "driver = \"grbl\"")]);
     assert_eq!(keys(&grbl), ["arm.port", "arm.grbl_lamp", "arm.grbl_zero_deg", "camera.driver"]);
+    let low = "driver = \"grbl\"\nport = \"/dev/x\"\ngrbl_lamp = \"spindle\"\ngrbl_zero_deg = 0";
+    assert_eq!(keys(&refused(&[("driver = \"simulated\"", low)])), ["camera.driver", "arm.grbl_zero_deg"]);
     let lamp = "driver = \"grbl\"\nport = \"/dev/x\"\ngrbl_lamp = \"coolant\"\ngrbl_zero_deg = 175";
     let coolant = refused(&[("driver = \"simulated\"", lamp)]);
     assert_eq!(keys(&coolant), ["lamp.level_permille", "camera.driver"]);

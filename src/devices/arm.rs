@@ -53,6 +53,12 @@ pub enum ArmError {
         /// Nonce now.
         now: u32,
     },
+    /// The device locked itself or was disturbed: position and lamp state are lost, and homing cures it.
+    #[error("the arm is locked ({reason})")]
+    Locked {
+        /// What it said, and what to do at the bench if it comes again.
+        reason: String,
+    },
     /// The device refused or reported a fault.
     #[error("the arm refused {what}: {reason}")]
     Refused {

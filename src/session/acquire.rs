@@ -314,10 +314,12 @@ impl<'a> Acquisition<'a> {
 
     fn arm_trouble(&self, error: &ArmError) -> Trouble {
         match error {
-            ArmError::NoAnswer { .. } | ArmError::Port { .. } | ArmError::Rebooted { .. } => {
+            ArmError::NoAnswer { .. } | ArmError::Port { .. } | ArmError::Rebooted { .. } | ArmError::Locked { .. } => {
                 Trouble::Arm(error.to_string())
             }
-            other => Trouble::End(self.arm_ended(other)),
+            ArmError::Cancelled => Trouble::End(self.asked_end()),
+            // Trying again makes a blocked or refusing arm no better; what was shot so far stands.
+            other => Trouble::End(Ended::Interrupted(other.to_string())),
         }
     }
 

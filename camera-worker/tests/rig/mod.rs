@@ -60,7 +60,6 @@ impl Rigged {
         let worker = WorkerCommand {
             program: env!("CARGO_BIN_EXE_camera-worker").into(),
             home: data.path().join("camera-home"),
-            environment: Vec::new(),
         };
         let camera =
             Gphoto2Settings { worker, model: None, port: Some(server.gphoto2_port()), body: KnownBody::default() };

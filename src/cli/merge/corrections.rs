@@ -96,7 +96,9 @@ impl<'a> Rows<'a> {
             let end = patch.y.saturating_add(patch.height).min(height);
             let mut top = RadianceImage::empty(width, end);
             rows.strip(0, &mut top);
-            rows.lamp = Some((patch.mean(&top)?, *radiance));
+            let seen = patch.mean(&top)?;
+            seen.check(*radiance)?;
+            rows.lamp = Some((seen, *radiance));
         }
         Ok(rows)
     }

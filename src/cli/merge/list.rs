@@ -5,6 +5,7 @@ use crate::numerics::radiometry::drift::Patch;
 use crate::pipeline::decode::FrameInfo;
 use crate::store::files::{read_bytes, read_text, shown};
 use serde::Deserialize;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// The list of frames beside them.
@@ -148,6 +149,10 @@ fn listed(dir: &Path, list: &Path) -> Result<Folder, MergeInputError> {
         };
         listed.into_iter().map(file).collect()
     };
+    let mut named = HashSet::new();
+    if let Some(twice) = parsed.frame.iter().find(|frame| !named.insert(&frame.file)) {
+        return Err(refuse(format!("{} is listed twice: give each frame once", twice.file.display())));
+    }
     let reference = parsed.reference_patch.map(|ListedPatch { x, y, width, height, radiance }| Reference {
         patch: Patch { x, y, width, height },
         radiance,

@@ -2,7 +2,6 @@
 
 use camera_messages::frame;
 use camera_messages::message::{Call, Failure, PROTOCOL, Reply, Request};
-use std::ffi::OsString;
 use std::io::{self, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -22,8 +21,6 @@ pub struct WorkerCommand {
     pub program: PathBuf,
     /// Directory for libgphoto2's settings: its HOME. Made if it is not there.
     pub home: PathBuf,
-    /// More variables for it: `IOLIBS` and `CAMLIBS` choose other libraries in tests.
-    pub environment: Vec<(OsString, OsString)>,
 }
 
 /// Why a call has no reply.
@@ -74,7 +71,6 @@ impl Worker {
         let mut child = Command::new(&command.program)
             .env("HOME", home)
             .env("LANG", "C")
-            .envs(command.environment.iter().map(|(name, value)| (name, value)))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

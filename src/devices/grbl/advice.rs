@@ -17,23 +17,27 @@ pub fn error(what: &'static str, code: u8) -> ArmError {
     refused(what, format!("error:{code}: {reason}"))
 }
 
-/// A lock; the controller was reset afterwards and must be homed.
+/// A lock; the controller was reset afterwards and must be homed, which cures every lock but one that homing itself met.
 pub fn alarm(what: &'static str, code: u8) -> ArmError {
     let reason = match code {
-        2 => "the target is outside its travel: compare $130 with arm.travel_deg and arm.grbl_zero_deg",
-        3 => "it was reset while the motor turned: check its supply, home again",
-        6 | 7 => "homing was broken off: home again",
-        8 => "the home switch does not open: check the switch, its cable and the pull-off $27",
+        8 => {
+            return refused(
+                what,
+                "ALARM:8: the home switch does not open: check the switch, its cable and the pull-off $27",
+            );
+        }
         9 => {
-            "the home switch was not found: check switch, cable and a blocked arm. A stock GRBL seeks the Z switch first: build it with \
-             HOMING_CYCLE_0 for X alone (config.h)"
+            let reason = "ALARM:9: the home switch was not found: check switch, cable and a blocked arm. A stock GRBL seeks the Z switch first: \
+                          build it with HOMING_CYCLE_0 for X alone (config.h)";
+            return refused(what, reason);
         }
+        2 => "the target is outside its travel: compare $130 with arm.travel_deg and arm.grbl_zero_deg",
+        3 => "it was reset while the motor turned: check its supply",
+        6 | 7 => "homing was broken off",
         // Any other number is an unknown fault: as bad as a limit switch hit in motion.
-        _ => {
-            "it ran onto a limit switch, or the switch's cable caught noise: look, then home again (a free arm needs $21=0)"
-        }
+        _ => "it ran onto a limit switch, or the switch's cable caught noise: a free arm needs $21=0",
     };
-    refused(what, format!("ALARM:{code}: {reason}"))
+    ArmError::Locked { reason: format!("ALARM:{code}: {reason}") }
 }
 
 /// Any refusal.

@@ -94,8 +94,8 @@ impl GrblArm {
             match report.outputs {
                 Some(outputs) if !outputs.plain => {
                     let reason =
-                        "its overrides are not at 100 %: noise on the line has set them; it is reset and homed again";
-                    return Err(refused("a status request", reason));
+                        "its overrides are not at 100 %: noise on the line has set them; shield the cable".into();
+                    return Err(ArmError::Locked { reason });
                 }
                 Some(_) => return Ok((report, homed)),
                 None => {}

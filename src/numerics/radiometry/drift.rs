@@ -5,6 +5,10 @@ use crate::numerics::image::RadianceImage;
 /// Pixels a patch needs.
 const MIN_PIXELS: usize = 100;
 
+/// A lamp darker or brighter than this is another lamp, or another patch.
+const LEAST_DRIFT: f64 = 0.5;
+const MOST_DRIFT: f64 = 2.0;
+
 /// A rectangle of pixels that shows a uniform, fixed piece of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patch {
@@ -38,6 +42,15 @@ pub enum PatchError {
         columns: usize,
         /// Rows of the picture.
         rows: usize,
+    },
+    /// The lamp would be off by more than a lamp can be.
+    #[error(
+        "by the reference patch the lamp is at {of_reference:.3e} of its brightness, outside {LEAST_DRIFT} to {MOST_DRIFT}: correct its place or \
+         its radiance"
+    )]
+    NoLamp {
+        /// Brightness of the worst channel, relative to the reference.
+        of_reference: f64,
     },
     /// Too little of it is valid.
     #[error(
@@ -89,6 +102,15 @@ impl PatchMean {
     /// The lamp's brightness relative to when the patch had radiance `reference`, by channel.
     pub fn drift(&self, reference: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|c| self.radiance[c] / reference[c])
+    }
+
+    /// Refuses a drift that no lamp has.
+    ///
+    /// # Errors
+    /// [`PatchError::NoLamp`] beyond a factor of two in any channel.
+    pub fn check(&self, reference: [f64; 3]) -> Result<(), PatchError> {
+        let odd = self.drift(reference).into_iter().find(|drift| !(LEAST_DRIFT..=MOST_DRIFT).contains(drift));
+        odd.map_or(Ok(()), |of_reference| Err(PatchError::NoLamp { of_reference }))
     }
 
     /// Brings an image to the brightness at which the patch has radiance `reference`; the error of the mean goes to the variance.

@@ -1,5 +1,5 @@
-//! One shot and what brings a camera back, rung by rung (shared facts of the field: only a busy camera is asked again as it is; anything
-//! else costs a new driver, then a reset, then its power). Every rung is journalled; the last one ends the session as interrupted.
+//! One shot and what brings a camera back, rung by rung: only a busy camera is asked again as it is; anything
+//! else costs a new driver, then a reset, then its power. Every rung is journalled; the last one ends the session as interrupted.
 
 use super::{Acquisition, Ended};
 use crate::devices::camera::{CameraError, RawFrame, Shot};
