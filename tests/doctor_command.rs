@@ -124,7 +124,9 @@ fn a_held_port_names_its_holder_and_is_not_opened() {
     let error = said.error("held by");
     assert!(error["what"].as_str().unwrap().contains(&who), "{error}");
     assert_eq!(error["where"], port.to_str().unwrap());
-    assert_eq!(said.of_grade("error").len(), 1, "the port was opened all the same: {:?}", said.findings);
+    // A program that another test is starting may have inherited the port as well.
+    let only_held = said.of_grade("error").iter().all(|f| f["what"].as_str().unwrap().starts_with("held by"));
+    assert!(only_held, "the port was opened all the same: {:?}", said.findings);
 }
 
 #[test]

@@ -170,6 +170,7 @@ fn a_blocked_arm_is_no_matter_for_trying_again() {
     });
     run(&fakes, S::Interrupted, |engine, id| {
         assert!(engine.session(id).unwrap().reason.unwrap().contains("blocked arm"));
+        assert!(engine.readiness().unwrap_err()[0].contains("blocked arm"));
     });
 }
 

@@ -7,6 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rig_config::Shutter;
 use rigd::devices::camera::{RawFrame, Shot};
 use rigd::session::quality::{Fingerprint, check};
+use std::time::Duration;
 use support::{SIZE, jpeg};
 
 fn shot(label: &str, f_number: f64, iso: u32) -> Shot {
@@ -14,7 +15,7 @@ fn shot(label: &str, f_number: f64, iso: u32) -> Shot {
 }
 
 fn judge(bytes: Vec<u8>, shot: &Shot, size: (usize, usize)) -> Result<(), String> {
-    let frame = RawFrame { bytes, name: "IMG.JPG".into() };
+    let frame = RawFrame { bytes, name: "IMG.JPG".into(), transfer: Duration::ZERO };
     check(&frame, shot, size, &Fingerprint::of(&frame), None)
 }
 

@@ -50,6 +50,7 @@ function element(tag, text, properties = {}) {
 }
 
 const percent = (x) => `${(100 * x).toFixed(2)} %`;
+const overhead = (budget) => budget?.overhead == null ? "" : `; overhead ${percent(budget.overhead)}`;
 const clock = (s) => new Date(1000 * Math.round(s)).toISOString().slice(11, 19);
 const when = (text) => (text ? new Date(text).toLocaleString() : "");
 
@@ -94,7 +95,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;
@@ -130,6 +131,7 @@ async function showSession(id) {
   const station = ended ? `${s.stations} stations` : `station ${Math.min(s.station + 1, s.stations)} of ${s.stations}`;
   $("figures").textContent = `${s.frames_committed} of ${s.frames_planned} frames, ${station}, `
     + `${s.stations_developed} developed${left}; started ${when(s.started)}${s.ended ? `, ended ${when(s.ended)}` : ""}`;
+  $("figures").textContent += overhead(s.time_budget);
   showGrid(s, frames);
   if (s.mean_relative_error != null && $("result").dataset.of !== `${id} ${s.last_seq}`) await showResult(s);
 }

@@ -4,7 +4,7 @@ use crate::labels::{Aperture, Format, ImageFormat, Iso, Shutter};
 use serde::{Deserialize, Serialize};
 
 /// Version of these messages; both sides must have the same.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// Third stops from one second that a shutter can be: a microsecond to an hour.
 const SHUTTERS: std::ops::RangeInclusive<i32> = -60..=36;
@@ -114,6 +114,8 @@ pub enum Reply {
         read_back: ReadBack,
         /// Files of earlier shots that the camera announced only now.
         unexpected: Vec<FilePlace>,
+        /// Time the files took from the camera, seconds.
+        transfer_s: f64,
     },
     /// The idling is over.
     Idle {

@@ -32,13 +32,14 @@ impl OpenCamera {
         let read_back = self.set(&labels)?;
         self.check_room()?;
         let places = self.capture(shot)?;
-        let (mut files, mut blob) = (Vec::new(), Vec::new());
+        let (mut files, mut blob, begin) = (Vec::new(), Vec::new(), Instant::now());
         for place in places {
             let bytes = self.fetch(&place)?;
             files.push(FileEntry { place, size: bytes.len() as u64 });
             blob.extend_from_slice(&bytes);
         }
-        Ok((Reply::Files { files, read_back, unexpected }, blob))
+        let transfer_s = begin.elapsed().as_secs_f64();
+        Ok((Reply::Files { files, read_back, unexpected, transfer_s }, blob))
     }
 
     fn choose(&self, shot: &Shot) -> Result<Labels, Failure> {

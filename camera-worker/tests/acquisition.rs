@@ -15,7 +15,7 @@ const LIMITS: (f64, f64) = (0.0589, 0.03);
 
 #[test]
 fn seven_stations_of_ten_exposures_give_the_material_back() {
-    let rigged = Rigged::whole();
+    let rigged = Rigged::whole(SPEED);
     let ended = rigged.run(&StartRequest::default());
     assert_eq!(ended.state, SessionState::Completed, "{:?}", ended.reason);
     assert_eq!(ended.frames_committed, 70);
@@ -34,4 +34,22 @@ fn seven_stations_of_ten_exposures_give_the_material_back() {
         let planned = angles[frame["station"].as_u64().unwrap() as usize];
         assert!((frame["angle_deg"].as_f64().unwrap() - planned).abs() <= rigged.truth.arm.tolerance_deg);
     }
+    let budget = ended.time_budget.unwrap();
+    let open_s: f64 = frames.iter().map(|frame| frame["true_s"].as_f64().unwrap()).sum();
+    assert!((budget.shutter_s - open_s / SPEED).abs() < 1e-6, "{budget:?}");
+    let (motion, settling) = (budget.motion_s * SPEED, budget.settling_s * SPEED);
+    assert!(motion > 0.0 && settling >= 7.0 * rigged.truth.arm.settle_s && budget.transfer_s > 0.0, "{budget:?}");
+    assert!(budget.camera_s > 0.0 && budget.storing_s > 0.0 && budget.recovery_s == 0.0 && budget.held_s == 0.0);
+}
+
+/// What a perfect rig would not need is a tenth of what it would.
+#[test]
+#[ignore = "five minutes: cargo test -p camera-worker --test acquisition -- --ignored --nocapture"]
+fn overhead_in_real_time_is_a_tenth_at_most() {
+    let rigged = Rigged::whole(1.0);
+    let ended = rigged.run(&StartRequest::default());
+    assert_eq!(ended.state, SessionState::Completed, "{:?}", ended.reason);
+    let budget = ended.time_budget.unwrap();
+    println!("{budget}");
+    assert!(budget.overhead.unwrap() <= 0.10, "{budget:?}");
 }

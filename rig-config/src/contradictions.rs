@@ -92,6 +92,16 @@ fn drivers(view: &View, found: &mut Found) {
     needs(camera, "camera", "camera.port", &["gphoto2"], false);
     needs(camera, "camera", "camera.power_hook", &["gphoto2"], false);
     needs(camera, "camera", "camera.directory", &["replay"], true);
+    if let Some(port) = view.text("camera.port").filter(|port| !is_camera_port(port)) {
+        let words =
+            format!("{port:?} is no port of a camera: write `usb:001,005` (BUS,DEVICE) or `ptpip:ADDRESS:PORT`");
+        found.refuse("camera.port", words);
+    }
+    if let Some((0, Value::String(program))) = view.entries("camera.power_hook").first()
+        && program.trim().is_empty()
+    {
+        found.refuse("camera.power_hook[0]", "is no program: name the one that switches the camera's power".to_owned());
+    }
     let level = view.number("lamp.level_permille");
     if view.text("arm.grbl_lamp") == Some("coolant") && level.is_some_and(|level| level != 1000.0) {
         found.refuse("lamp.level_permille", "a lamp on the coolant output is on or off: set 1000");
@@ -108,6 +118,22 @@ fn drivers(view: &View, found: &mut Found) {
         found.refuse("simulation", "missing: a simulated driver needs the section (scene, seed, speed)");
     } else if present && !simulated && arm.is_some() && camera.is_some() {
         found.refuse("simulation", "no driver is simulated: remove the section, or choose driver = \"simulated\"");
+    }
+}
+
+/// `usb:`, `usb:001,005`, `ptpip:192.168.1.2`, with one or two ports: what libgphoto2 reaches Canon bodies by.
+fn is_camera_port(port: &str) -> bool {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    match port.split_once(':') {
+        Some(("usb", "")) => true,
+        Some(("usb", place)) => place.split_once(',').is_some_and(|(bus, device)| number(bus) && number(device)),
+        Some(("ptpip", place)) => {
+            let mut parts = place.split(':');
+            let named = parts.next().is_some_and(|host| !host.is_empty() && !host.contains(char::is_whitespace));
+            let ports: Vec<&str> = parts.collect();
+            named && ports.len() <= 2 && ports.iter().all(|port| port.parse::<u16>().is_ok())
+        }
+        _ => false,
     }
 }
 

@@ -180,6 +180,20 @@ fn each_contradiction_is_named_alone() {
         let alone = error.reasons.len() == 1 || error.reasons.iter().all(|r| r.key == *key || r.key == "camera.extra");
         assert!(alone, "{error}");
     }
+    for (line, key) in [
+        ("port = \"/dev/ttyUSB0\"", "camera.port"),
+        ("port = \"usb:1\"", "camera.port"),
+        ("port = \"ptpip:10.0.0.1:80000\"", "camera.port"),
+        ("port = \"ptpip::15740\"", "camera.port"),
+        ("power_hook = [\" \", \"cycle\"]", "camera.power_hook[0]"),
+    ] {
+        let paper = SHIPPED[0].1.replacen("driver = \"gphoto2\"", &format!("driver = \"gphoto2\"\n{line}"), 1);
+        assert_eq!(keys(&Rig::from_toml(&paper, "").unwrap_err()), [key], "{line}");
+    }
+    for port in ["usb:", "usb:001,005", "ptpip:127.0.0.1:15740:15740", "ptpip:camera.local"] {
+        let line = format!("driver = \"gphoto2\"\nport = {port:?}");
+        Rig::from_toml(&SHIPPED[0].1.replacen("driver = \"gphoto2\"", &line, 1), "").unwrap();
+    }
     // A real arm lacks what its driver needs, and the simulated camera photographs the simulated arm only.
     let grbl = refused(&[("driver = \"simulated\"", "driver = \"grbl\"")]);
     assert_eq!(keys(&grbl), ["arm.port", "arm.grbl_lamp", "arm.grbl_zero_deg", "camera.driver"]);

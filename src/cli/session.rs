@@ -90,6 +90,9 @@ fn command(client: &Client, id: &str, verb: Verb) -> anyhow::Result<()> {
 fn follow(url: &str, id: &str) -> anyhow::Result<()> {
     let ended = watch(url, id)?;
     print_line(line(&ended))?;
+    if let Some(budget) = &ended.time_budget {
+        print_line(format!("time: {budget}"))?;
+    }
     if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
         bail!("session {id} {}", how_it_ended(&ended));
     }

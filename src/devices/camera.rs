@@ -27,6 +27,8 @@ pub struct RawFrame {
     pub bytes: Vec<u8>,
     /// The camera's own name of the file.
     pub name: String,
+    /// Time the file took from the camera.
+    pub transfer: Duration,
 }
 
 /// What body this is.
@@ -208,7 +210,11 @@ mod tests {
                 Self::Hanging(until) => drop(until.recv()),
                 Self::Panicking => panic!("as planned"),
             }
-            Ok(RawFrame { bytes: vec![7], name: format!("{}-{}", shot.station, shot.exposure) })
+            Ok(RawFrame {
+                bytes: vec![7],
+                name: format!("{}-{}", shot.station, shot.exposure),
+                transfer: Duration::ZERO,
+            })
         }
     }
 

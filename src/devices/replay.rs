@@ -3,6 +3,7 @@
 use super::Cancel;
 use super::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 /// File-name endings that count as frames, lower case.
 const ENDINGS: [&str; 2] = ["jpg", "jpeg"];
@@ -52,9 +53,10 @@ impl Camera for ReplayCamera {
             let directory = self.directory.display();
             no_frame(format!("{directory} has {have} frames in brackets of {}: plan what it holds", self.exposures))
         })?;
+        let begin = Instant::now();
         let bytes = std::fs::read(path).map_err(|e| no_frame(format!("{}: {e}", path.display())))?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(RawFrame { bytes, name })
+        Ok(RawFrame { bytes, name, transfer: begin.elapsed() })
     }
 }
 

@@ -200,6 +200,7 @@ mod tests {
             calibration: None,
             warnings: Vec::new(),
             mean_relative_error: None,
+            time_budget: None,
             last_seq: 1,
         }
     }

@@ -7,6 +7,7 @@ mod shooting;
 
 use super::bench::Bench;
 use super::book::Book;
+use super::budget::{Stage, TimeBudget};
 use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
 use super::quality::{Fingerprint, Optics};
@@ -79,8 +80,10 @@ pub struct Acquisition<'a> {
     rung: usize,
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
+    /// When the run began, and when it began to shoot.
+    begin: Instant,
     start: Instant,
-    held: Duration,
+    budget: TimeBudget,
 }
 
 impl<'a> Acquisition<'a> {
@@ -110,14 +113,23 @@ impl<'a> Acquisition<'a> {
             last: None,
             rung: 0,
             to_doubt: None,
+            begin: Instant::now(),
             start: Instant::now(),
-            held: Duration::ZERO,
+            budget: TimeBudget::default(),
         })
     }
 
     /// Runs the plan; returns when every frame is committed and handed to the worker.
     pub fn run(mut self) -> Result<(), Ended> {
-        self.preflight()?;
+        let ended = self.whole_run();
+        self.tell_budget();
+        ended
+    }
+
+    fn whole_run(&mut self) -> Result<(), Ended> {
+        let prepared = self.preflight();
+        self.spend(Stage::Preparation, self.begin);
+        prepared?;
         // Refused only when a user ended the session meanwhile: the next safe point sees it.
         let _ = self.book.happen(self.id, Event::Ready, None);
         self.start = Instant::now();
@@ -137,8 +149,10 @@ impl<'a> Acquisition<'a> {
 
     /// Proves that the stations `first` to `last` were lit from where the arm said.
     fn prove_position(&mut self, first: usize, last: usize) -> Result<(), Ended> {
-        let cancel = self.book.cancel.clone();
-        match self.bench.arm().and_then(|arm| arm.prove_position(&cancel)) {
+        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
+        let proved = self.bench.arm().and_then(|arm| arm.prove_position(&cancel));
+        self.spend(Stage::Motion, begin);
+        match proved {
             Ok(()) => Ok(()),
             Err(error @ ArmError::StepsLost { .. }) => Err(Ended::Interrupted(format!(
                 "{error}; stations {first} to {last} may have been lit from elsewhere: shoot them again"
@@ -154,11 +168,16 @@ impl<'a> Acquisition<'a> {
     fn whole_station(&mut self, station: usize) -> Result<Result<(), String>, Ended> {
         while let Err(trouble) = self.shoot_station(station) {
             match trouble {
-                Trouble::Arm(reason) => self.recover(reason)?,
+                Trouble::Arm(reason) => {
+                    let begin = Instant::now();
+                    self.recover(reason)?;
+                    self.spend(Stage::Recovery, begin);
+                }
                 Trouble::Frame(reason) => return Ok(Err(reason)),
                 Trouble::End(ended) => return Err(ended),
             }
         }
+        self.tell_budget();
         Ok(Ok(()))
     }
 
@@ -197,12 +216,15 @@ impl<'a> Acquisition<'a> {
     fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {
         self.safe_point()?;
         let angle_deg = self.work.angle_deg(station);
-        let cancel = self.book.cancel.clone();
+        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
         let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
+        self.spend(Stage::Motion, begin);
         let status = moved.map_err(|e| self.arm_trouble(&e))?;
         let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
         self.record("arm.moved", fields)?;
+        let begin = Instant::now();
         self.rest(self.rig.arm.settle_s)?;
+        self.spend(Stage::Settling, begin);
         self.bracket += 1;
         for exposure in 0..self.work.exposures(station).len() {
             if self.safe_point()? {
@@ -222,10 +244,16 @@ impl<'a> Acquisition<'a> {
             *attempt += 1;
             let attempt = *attempt;
             let shot = self.shot(station, exposure)?;
-            match self.shoot(&shot)? {
+            let begin = Instant::now();
+            let taken = self.shoot(&shot)?;
+            self.spend_shot(&shot, &taken, begin.elapsed());
+            match taken {
                 Taken::Good(frame, fingerprint) => {
+                    let begin = Instant::now();
                     let stood_deg = self.check_light(angle_deg)?;
-                    match self.commit(&shot, attempt, stood_deg, &frame, &fingerprint) {
+                    let committed = self.commit(&shot, attempt, stood_deg, &frame, &fingerprint);
+                    self.spend(Stage::Storing, begin);
+                    match committed {
                         Ok(()) => return Ok(self.doubt_optics(&frame)?),
                         Err(error @ StoreError::NoSpace { .. }) => {
                             self.suspend(&error, frame.bytes.len() as u64)?;
@@ -330,9 +358,32 @@ impl<'a> Acquisition<'a> {
         }
     }
 
+    /// Time since `begin` went to this stage.
+    fn spend(&mut self, stage: Stage, begin: Instant) {
+        self.budget.spend(stage, begin.elapsed());
+    }
+
+    /// A shot took `time`: what its shutter needed and its file, and the camera's own share.
+    fn spend_shot(&mut self, shot: &Shot, taken: &Taken, time: Duration) {
+        let Taken::Good(frame, _) = taken else { return self.budget.spend(Stage::Recovery, time) };
+        let transfer = frame.transfer.min(time);
+        // A camera that plays stored frames opens no shutter.
+        let open = Duration::try_from_secs_f64(shot.shutter.true_s / self.speed).unwrap_or(time);
+        let open = open.min(time - transfer);
+        self.budget.spend(Stage::Transfer, transfer);
+        self.budget.spend(Stage::Shutter, open);
+        self.budget.spend(Stage::Camera, time - transfer - open);
+    }
+
+    /// Journals where the time went so far.
+    fn tell_budget(&self) {
+        let fields = serde_json::to_value(self.budget.of_all(self.begin.elapsed())).unwrap_or_default();
+        self.book.note(self.id, "time.budget", fields);
+    }
+
     /// Wall time for a planned second so far, without the time the session was held up.
     fn measure_pace(&self) {
-        let worked_s = (self.start.elapsed().saturating_sub(self.held)).as_secs_f64();
+        let worked_s = self.start.elapsed().as_secs_f64() - self.budget.held_s;
         self.book.look(self.id, |entry| {
             let planned_s = entry.work.estimated_s() * entry.share_done();
             if planned_s > 0.0 {

@@ -3,6 +3,7 @@
 mod calibration;
 
 use super::book::{Book, Entry, Inner};
+use super::budget::TimeBudget;
 use super::calibration::file::NAME as CALIBRATION_FILE;
 pub use super::calibration::plan::CalibrationRequest;
 pub use super::calibration::progress::{CalibrationSnapshot, Verdict};
@@ -62,6 +63,8 @@ pub struct SessionSnapshot {
     pub warnings: Vec<String>,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
+    /// Where the time went, as of the last whole station; null before the first.
+    pub time_budget: Option<TimeBudget>,
     /// Sequence number of the last journal record.
     pub last_seq: u64,
 }

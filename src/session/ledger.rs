@@ -1,5 +1,6 @@
 //! What a session's journal adds up to. The same fold serves the running session and the ones found on disk.
 
+use super::budget::TimeBudget;
 use super::calibration::progress::Progress;
 use super::calibration::step::Step;
 use super::handle::SessionSnapshot;
@@ -73,6 +74,7 @@ impl Ledger {
             calibration: work.capture().and_then(|plan| plan.calibration.clone()),
             warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
             mean_relative_error: None,
+            time_budget: None,
             last_seq: 0,
         };
         let first =
@@ -105,6 +107,7 @@ impl Ledger {
                 let warnings = record["warnings"].as_array().into_iter().flatten();
                 self.snapshot.warnings.extend(warnings.filter_map(Value::as_str).map(str::to_owned));
             }
+            Some("time.budget") => self.snapshot.time_budget = TimeBudget::deserialize(record).ok(),
             Some("fit.finished") => {
                 if let Some(error) = record["mean_relative_error"].as_f64() {
                     self.snapshot.mean_relative_error = Some(error);

@@ -2,6 +2,7 @@
 mod acquire;
 pub mod bench;
 mod book;
+pub mod budget;
 pub mod calibration;
 pub mod crop;
 pub mod engine;

@@ -138,7 +138,7 @@ impl SimulatedCamera {
             frame_number: self.frame_number,
         };
         let bytes = exif::jpeg(&levels, &facts).map_err(|reason| CameraError::Unusable { reason })?;
-        Ok(RawFrame { bytes, name: format!("IMG_{:04}.JPG", self.frame_number % 10_000) })
+        Ok(RawFrame { bytes, name: format!("IMG_{:04}.JPG", self.frame_number % 10_000), transfer: Duration::ZERO })
     }
 }
 

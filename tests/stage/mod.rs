@@ -115,7 +115,7 @@ impl Spoil {
         self.frames(move |shot, frame| {
             let mut picture = decode(&frame.bytes).unwrap();
             change(shot, &mut picture);
-            RawFrame { bytes: encoded(&picture, &frame.bytes), name: frame.name }
+            RawFrame { bytes: encoded(&picture, &frame.bytes), ..frame }
         });
     }
 

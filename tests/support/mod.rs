@@ -359,7 +359,7 @@ impl Camera for FakeCamera {
             Act::Fail(error) => return Err(error),
         };
         self.last.clone_from(&bytes);
-        Ok(RawFrame { bytes, name: format!("IMG_{count:04}.JPG") })
+        Ok(RawFrame { bytes, name: format!("IMG_{count:04}.JPG"), transfer: Duration::ZERO })
     }
 }
 

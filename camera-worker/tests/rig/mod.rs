@@ -19,10 +19,10 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// How many times faster than real everything passes.
+/// How many times faster than real everything passes, unless a test says otherwise.
 pub const SPEED: f64 = 40.0;
 /// Bound on every wait: only a hang meets it.
-const PATIENCE: Duration = Duration::from_secs(500);
+const PATIENCE: Duration = Duration::from_secs(900);
 
 /// A rig, running.
 pub struct Rigged {
@@ -38,8 +38,9 @@ pub struct Rigged {
 
 impl Rigged {
     /// The shipped simulated rig, developed and fitted.
-    pub fn whole() -> Self {
-        let truth = shipped();
+    pub fn whole(speed: f64) -> Self {
+        let mut truth = shipped();
+        truth.simulation.as_mut().unwrap().speed = speed;
         let processing = Box::new(PipelineProcessing::new(&truth));
         Self::new(truth, processing)
     }
@@ -76,7 +77,7 @@ impl Rigged {
             open_camera: Box::new(move || Ok(Box::new(Gphoto2Camera::open(camera.clone())?))),
             remedies: Vec::new(),
             processing,
-            speed: SPEED,
+            speed: simulation.speed,
         };
         Self { engine: start(parts).unwrap(), truth, pose, arm, camera: faults, data, _server: server }
     }

@@ -4,7 +4,8 @@ use super::packet::{Incoming, Outgoing, WireError};
 use super::server::Shared;
 use crate::body::{OpRequest, OpResponse};
 use crate::faults::{Fault, Moment};
-use std::io::Write;
+use rustix::net::sockopt::set_tcp_quickack;
+use std::io::{self, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
@@ -33,7 +34,7 @@ impl Connection<'_> {
     pub(super) fn serve(mut self) -> Result<(), WireError> {
         self.stream.set_nodelay(true)?;
         self.stream.set_read_timeout(Some(FIRST_PACKET))?;
-        let first = Incoming::read(&mut self.stream)?;
+        let first = self.read()?;
         self.stream.set_read_timeout(None)?;
         self.wait_while_hung()?;
         match first {
@@ -52,8 +53,15 @@ impl Connection<'_> {
         }
     }
 
+    /// The next packet. libgphoto2 sends an operation in pieces: an acknowledgement that is delayed by 40 ms would hold each of them
+    /// up, which no USB does.
+    fn read(&mut self) -> Result<Incoming, WireError> {
+        set_tcp_quickack(&self.stream, true).map_err(io::Error::from)?;
+        Incoming::read(&mut self.stream)
+    }
+
     fn expect_ping(&mut self) -> Result<(), WireError> {
-        match Incoming::read(&mut self.stream)? {
+        match self.read()? {
             Incoming::Ping => self.send(&Outgoing::Pong),
             _ => Err(WireError::OutOfOrder("nothing but a ping may come on an event connection")),
         }
@@ -90,7 +98,7 @@ impl Connection<'_> {
 
     fn next_operation(&mut self) -> Result<Transaction, WireError> {
         loop {
-            match Incoming::read(&mut self.stream)? {
+            match self.read()? {
                 Incoming::Ping => self.send(&Outgoing::Pong)?,
                 Incoming::Operation { sends_data, code, transaction, params } => {
                     let data = if sends_data { self.data()? } else { Vec::new() };
@@ -102,12 +110,12 @@ impl Connection<'_> {
     }
 
     fn data(&mut self) -> Result<Vec<u8>, WireError> {
-        let Incoming::StartData { total: 0..=MOST_DATA } = Incoming::read(&mut self.stream)? else {
+        let Incoming::StartData { total: 0..=MOST_DATA } = self.read()? else {
             return Err(WireError::OutOfOrder("an operation's data must begin with their size, at most 1 MiB"));
         };
         let mut data = Vec::new();
         loop {
-            let (bytes, last) = match Incoming::read(&mut self.stream)? {
+            let (bytes, last) = match self.read()? {
                 Incoming::Data(bytes) => (bytes, false),
                 Incoming::EndData(bytes) => (bytes, true),
                 _ => return Err(WireError::OutOfOrder("something else came amid an operation's data")),

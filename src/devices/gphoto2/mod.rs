@@ -135,7 +135,7 @@ impl Camera for Gphoto2Camera {
             format: ImageFormat::Jpeg,
         };
         match self.call(Request::Shoot(wish), cancel)? {
-            (Reply::Files { files, unexpected, .. }, bytes) => {
+            (Reply::Files { files, unexpected, transfer_s, .. }, bytes) => {
                 for place in unexpected {
                     tracing::warn!(
                         folder = place.folder,
@@ -144,7 +144,8 @@ impl Camera for Gphoto2Camera {
                     );
                 }
                 let name = files.into_iter().next().map(|file| format!("{}/{}", file.place.folder, file.place.name));
-                Ok(RawFrame { bytes, name: name.unwrap_or_default() })
+                let transfer = Duration::try_from_secs_f64(transfer_s).unwrap_or_default();
+                Ok(RawFrame { bytes, name: name.unwrap_or_default(), transfer })
             }
             (other, _) => Err(unexpected_reply(&other)),
         }

@@ -5,6 +5,8 @@ use std::fmt;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::Duration;
 
 /// A running program.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,9 +49,22 @@ const PORT_TAKERS: &[&str] = &["ModemManager", "brltty"];
 /// Programs that open cameras of their own accord.
 const CAMERA_TAKERS: &[&str] = &["gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2"];
 
-/// Who has `path` open; links are followed.
+/// A program that is being started has its parent's files for less than this.
+const START: Duration = Duration::from_millis(50);
+
+/// Who has `path` open, and keeps it so; links are followed.
 pub fn of(host: &Host, path: &Path) -> Holders {
     let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+    let mut holders = at_this_moment(host, &path);
+    if !holders.found.is_empty() {
+        thread::sleep(START);
+        let later = at_this_moment(host, &path);
+        holders.found.retain(|process| later.found.contains(process));
+    }
+    holders
+}
+
+fn at_this_moment(host: &Host, path: &Path) -> Holders {
     let mut holders = Holders::default();
     for (process, directory) in processes(host) {
         match fs::read_dir(directory.join("fd")) {

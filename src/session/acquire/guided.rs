@@ -1,7 +1,7 @@
 //! The steps of a calibration: ask the operator, shoot what is in place, have it judged, ask again where it does not serve.
 
 use super::hold::LONG;
-use super::{Acquisition, Ended};
+use super::{Acquisition, Ended, Stage};
 use crate::session::calibration::plan::{CalibrationPlan, PlannedStep};
 use crate::session::processing::Judged;
 use crate::session::state::{Event, SessionState};
@@ -53,7 +53,7 @@ impl Acquisition<'_> {
         while self.state() == SessionState::Awaiting && !self.book.lock().shutdown {
             self.wait(LONG, |state| state != SessionState::Awaiting);
         }
-        self.held += since.elapsed();
+        self.spend(Stage::Held, since);
         self.safe_point().map(|_| ())
     }
 

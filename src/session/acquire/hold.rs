@@ -1,6 +1,6 @@
 //! What holds an acquisition up and what ends it: pauses, a full disk, an arm in trouble, the verbs of users.
 
-use super::{Acquisition, Ended, Trouble};
+use super::{Acquisition, Ended, Stage, Trouble};
 use crate::session::book::{Entry, Inner};
 use crate::session::room::{self, Lack};
 use crate::session::state::{Event, SessionState};
@@ -33,7 +33,7 @@ impl Acquisition<'_> {
     fn wait_for_room(&mut self, reason: &str, bytes: u64) -> Result<(), Ended> {
         let since = Instant::now();
         room::wait_for(self.book, self.id, &self.writer, bytes, reason, self.speed);
-        self.held += since.elapsed();
+        self.spend(Stage::Held, since);
         self.last = None;
         self.safe_point().map(|_| ())
     }
@@ -84,7 +84,7 @@ impl Acquisition<'_> {
                 SessionState::Paused => {
                     let since = Instant::now();
                     self.wait(LONG, |state| state != SessionState::Paused);
-                    self.held += since.elapsed();
+                    self.spend(Stage::Held, since);
                 }
                 _ => return Err(self.asked_end()),
             }
