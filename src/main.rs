@@ -1,7 +1,9 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{bench, calibrate, config, demo, doctor, error, fit, merge, relight, serve, session, simulate, study};
+use rigd::cli::{
+    bench, calibrate, config, demo, doctor, error, fit, merge, relight, serve, session, simulate, study, verify,
+};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -20,6 +22,7 @@ enum Command {
     Fit(fit::Args),
     Relight(relight::Args),
     Merge(merge::Args),
+    Verify(verify::Args),
     /// Calibrate the rig of a running daemon, or from photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),
         Command::Merge(args) => merge::run(args),
+        Command::Verify(args) => verify::run(&args),
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Doctor(args) => doctor::run(&args),

@@ -4,7 +4,7 @@ const FINAL = ["completed", "stopped", "aborted", "halted", "failed", "interrupt
 const SHOOTING = ["preflight", "running", "pausing", "paused", "suspended"];
 const VERBS = {
   pause: ["running"],
-  resume: ["pausing", "paused", "suspended"],
+  resume: ["pausing", "paused", "suspended", "interrupted"],
   stop: SHOOTING,
   abort: [...SHOOTING, "fitting", "stopping"],
 };
@@ -232,7 +232,8 @@ for (const button of $("verbs").children) {
   button.onclick = () => attempt(async () => {
     say();
     await ask(`/v1/sessions/${chosen}/${button.dataset.verb}`, { method: "POST" });
-    refresh();
+    // The stream of an interrupted session had ended.
+    choose(chosen);
   });
 }
 $("more").onclick = () => attempt(async () => {

@@ -319,6 +319,13 @@ pub(crate) struct RawStorage {
     #[serde(default = "default_reserve")]
     #[schemars(range(min = 0, max = 1_000_000_000_000_i64))]
     pub reserve_bytes: u64,
+    /// A session that the daemon's end interrupted goes on at its next start; false leaves it for an operator's resume.
+    #[serde(default = "default_resume")]
+    pub resume_at_start: bool,
+}
+
+fn default_resume() -> bool {
+    true
 }
 
 fn default_reserve() -> u64 {

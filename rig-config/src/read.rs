@@ -174,7 +174,11 @@ impl RawRig {
                 cosine_cutoff: fit.cosine_cutoff,
             },
             calibration,
-            storage: Storage { data: storage.data, reserve_bytes: storage.reserve_bytes },
+            storage: Storage {
+                data: storage.data,
+                reserve_bytes: storage.reserve_bytes,
+                resume_at_start: storage.resume_at_start,
+            },
             server: Server { listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))? },
             simulation: simulation.map(|s| Simulation {
                 scene: match s.scene {

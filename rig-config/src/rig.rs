@@ -238,6 +238,8 @@ pub struct Storage {
     pub data: PathBuf,
     /// Bytes kept free for journal and shutdown.
     pub reserve_bytes: u64,
+    /// A session that the daemon's end interrupted goes on at its next start.
+    pub resume_at_start: bool,
 }
 
 /// Where the daemon listens.

@@ -14,3 +14,4 @@ pub mod session;
 pub mod simulate;
 pub mod study;
 mod target;
+pub mod verify;

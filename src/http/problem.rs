@@ -136,6 +136,7 @@ impl From<EngineError> for Problem {
                 allowed: Some(allowed),
                 ..of(StatusCode::CONFLICT, "wrong-state", "Not possible in this state")
             },
+            EngineError::RigChanged { .. } => of(StatusCode::CONFLICT, "rig-changed", "Begun with another rig file"),
             EngineError::KeyReused => of(StatusCode::UNPROCESSABLE_ENTITY, "key-reused", "Idempotency-Key used before"),
             EngineError::NoSpace { .. } => of(StatusCode::INSUFFICIENT_STORAGE, "no-space", "Not enough disk space"),
             EngineError::Storage(_) => of(StatusCode::INTERNAL_SERVER_ERROR, "storage", "Storage failed"),

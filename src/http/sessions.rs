@@ -165,7 +165,7 @@ verb!(
     "/v1/sessions/{id}/resume",
     Verb::Resume,
     "Resume a session",
-    "After a pause, or once the cause of a suspension is gone."
+    "After a pause, once the cause of a suspension is gone, or after an interruption: then stations whose bracket is whole are kept."
 );
 verb!(
     stop,

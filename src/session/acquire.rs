@@ -1,13 +1,16 @@
-//! One acquisition: stations, brackets, frames; `hold` has what interrupts them, `guided` the steps of a calibration. A frame counts
+//! One acquisition: stations, brackets, frames; `prepare` has what comes before them, `hold` what interrupts them, `clock`
+//! where the time goes, `guided` the steps of a calibration. A frame counts
 //! once it is shot, verified, on disk and journalled, in this order.
 
+mod clock;
 mod guided;
 mod hold;
+mod prepare;
 mod shooting;
 
 use super::bench::Bench;
 use super::book::Book;
-use super::budget::{Stage, TimeBudget};
+use super::budget::Stage;
 use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
 use super::quality::{Fingerprint, Optics};
@@ -18,12 +21,13 @@ use crate::devices::arm::ArmError;
 use crate::devices::camera::{RawFrame, Shot};
 use crate::store::sessions::FrameWriter;
 use crate::store::{StoreError, frames};
+use clock::Clock;
 use rig_config::{Rig, Shutter};
 use serde_json::json;
 use shooting::Taken;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{SyncSender, TrySendError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Retakes of a frame before the session is given up.
 const RETAKES: usize = 2;
@@ -74,16 +78,15 @@ pub struct Acquisition<'a> {
     speed: f64,
     attempts: BTreeMap<(usize, usize), usize>,
     bracket: usize,
+    /// It goes on with a session that was interrupted.
+    resumed: bool,
     recoveries: usize,
     last: Option<Fingerprint>,
     /// Rung of the camera's ladder that comes next; the first again after a good frame.
     rung: usize,
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
-    /// When the run began, and when it began to shoot.
-    begin: Instant,
-    start: Instant,
-    budget: TimeBudget,
+    clock: Clock,
 }
 
 impl<'a> Acquisition<'a> {
@@ -98,6 +101,10 @@ impl<'a> Acquisition<'a> {
     ) -> Option<Self> {
         let work = book.look(id, |entry| entry.work.clone())?;
         let writer = book.frame_writer(id)?;
+        let (resumed, (attempts, bracket), spent) = book.look(id, |entry| {
+            let ledger = &entry.ledger;
+            (ledger.taken_up() > 0, ledger.attempts(), ledger.snapshot.time_budget.clone().unwrap_or_default())
+        })?;
         Some(Self {
             id,
             rig,
@@ -107,15 +114,14 @@ impl<'a> Acquisition<'a> {
             worker,
             writer,
             speed,
-            attempts: BTreeMap::new(),
-            bracket: 0,
+            attempts,
+            bracket,
+            resumed,
             recoveries: 0,
             last: None,
             rung: 0,
             to_doubt: None,
-            begin: Instant::now(),
-            start: Instant::now(),
-            budget: TimeBudget::default(),
+            clock: Clock::new(spent),
         })
     }
 
@@ -127,28 +133,33 @@ impl<'a> Acquisition<'a> {
     }
 
     fn whole_run(&mut self) -> Result<(), Ended> {
+        let todo = self.adopt()?;
+        if todo.is_empty() {
+            return Ok(());
+        }
         let prepared = self.preflight();
-        self.spend(Stage::Preparation, self.begin);
+        self.spend(Stage::Preparation, self.clock.begin());
         prepared?;
         // Refused only when a user ended the session meanwhile: the next safe point sees it.
         let _ = self.book.happen(self.id, Event::Ready, None);
-        self.start = Instant::now();
+        self.start_pace();
         if let Work::Calibration(plan) = &self.work {
             let plan = plan.clone();
             return self.guided(&plan);
         }
-        for station in 0..self.work.stations() {
-            self.whole_station(station)?.map_err(Ended::Interrupted)?;
-            self.hand_over(|session| Job::Develop { session, station })?;
-            if (station + 1) % PROOF_STATIONS == 0 || station + 1 == self.work.stations() {
-                self.prove_position(station / PROOF_STATIONS * PROOF_STATIONS, station)?;
+        for stations in todo.chunks(PROOF_STATIONS) {
+            for &station in stations {
+                self.whole_station(station)?.map_err(Ended::Interrupted)?;
+                self.hand_over(|session| Job::Develop { session, station })?;
             }
+            self.prove_position(stations)?;
         }
         Ok(())
     }
 
-    /// Proves that the stations `first` to `last` were lit from where the arm said.
-    fn prove_position(&mut self, first: usize, last: usize) -> Result<(), Ended> {
+    /// Proves that these stations were lit from where the arm said.
+    fn prove_position(&mut self, stations: &[usize]) -> Result<(), Ended> {
+        let (Some(first), Some(last)) = (stations.first(), stations.last()) else { return Ok(()) };
         let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
         let proved = self.bench.arm().and_then(|arm| arm.prove_position(&cancel));
         self.spend(Stage::Motion, begin);
@@ -179,19 +190,6 @@ impl<'a> Acquisition<'a> {
         }
         self.tell_budget();
         Ok(Ok(()))
-    }
-
-    /// Devices open, arm homed, lamp warm.
-    fn preflight(&mut self) -> Result<(), Ended> {
-        self.safe_point()?;
-        let opened = self.bench.open();
-        self.book.lock().device_fault = opened.as_ref().err().cloned();
-        let (arm, camera) = opened.map_err(Ended::Failed)?;
-        self.doubt_devices(&arm, &camera)?;
-        self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
-        self.safe_point()?;
-        self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
-        self.rest(self.rig.lamp.soak_s)
     }
 
     /// Journals what the devices say against the calibration this session uses.
@@ -354,41 +352,7 @@ impl<'a> Acquisition<'a> {
     fn arm_ended(&self, error: &ArmError) -> Ended {
         match error {
             ArmError::Cancelled => self.asked_end(),
-            other => Ended::Failed(other.to_string()),
+            other => self.unfit(other.to_string()),
         }
-    }
-
-    /// Time since `begin` went to this stage.
-    fn spend(&mut self, stage: Stage, begin: Instant) {
-        self.budget.spend(stage, begin.elapsed());
-    }
-
-    /// A shot took `time`: what its shutter needed and its file, and the camera's own share.
-    fn spend_shot(&mut self, shot: &Shot, taken: &Taken, time: Duration) {
-        let Taken::Good(frame, _) = taken else { return self.budget.spend(Stage::Recovery, time) };
-        let transfer = frame.transfer.min(time);
-        // A camera that plays stored frames opens no shutter.
-        let open = Duration::try_from_secs_f64(shot.shutter.true_s / self.speed).unwrap_or(time);
-        let open = open.min(time - transfer);
-        self.budget.spend(Stage::Transfer, transfer);
-        self.budget.spend(Stage::Shutter, open);
-        self.budget.spend(Stage::Camera, time - transfer - open);
-    }
-
-    /// Journals where the time went so far.
-    fn tell_budget(&self) {
-        let fields = serde_json::to_value(self.budget.of_all(self.begin.elapsed())).unwrap_or_default();
-        self.book.note(self.id, "time.budget", fields);
-    }
-
-    /// Wall time for a planned second so far, without the time the session was held up.
-    fn measure_pace(&self) {
-        let worked_s = self.start.elapsed().as_secs_f64() - self.budget.held_s;
-        self.book.look(self.id, |entry| {
-            let planned_s = entry.work.estimated_s() * entry.share_done();
-            if planned_s > 0.0 {
-                entry.pace = worked_s / planned_s;
-            }
-        });
     }
 }

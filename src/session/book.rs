@@ -11,7 +11,7 @@ use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
 use super::work::Work;
 use super::worker::Fault;
 use crate::devices::Cancel;
-use crate::store::journal::Journal;
+use crate::store::journal::{self, Journal};
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
 use crate::store::{Store, StoreError};
@@ -153,6 +153,11 @@ impl Book {
         self.changed.notify_all();
     }
 
+    /// True when a run waits for the engine.
+    pub fn has_work(&self) -> bool {
+        self.lock().pending.is_some()
+    }
+
     /// Waits for a session to run; none once the daemon ends.
     pub fn next_session(&self) -> Option<String> {
         let mut inner = self.lock();
@@ -271,6 +276,26 @@ impl Inner {
         self.entry(&id)
     }
 
+    /// Takes an interrupted session up again and leaves it for the engine, which goes on where it ended; the caller tells it.
+    pub fn take_up(&mut self, id: &str, rig_text: &str, reason: &str) -> Result<&Entry, EngineError> {
+        self.check_idle()?;
+        let entry = self.runs.get_mut(id).ok_or_else(|| unknown(id))?;
+        if entry.manifest.rig_file != rig_text {
+            return Err(EngineError::RigChanged { id: id.to_owned() });
+        }
+        let snapshot = &entry.ledger.snapshot;
+        let frames = (snapshot.frames_planned as u64).max(1);
+        let left = frames.saturating_sub(snapshot.frames_committed as u64);
+        let plan_bytes = entry.work.capture().map_or(0, |plan| plan.estimated_bytes);
+        self.store.check_space(plan_bytes / frames * left)?;
+        entry.journal = Some(self.store.open_journal(&entry.directory, &entry.manifest)?);
+        entry.tail = journal::read(&entry.directory.join(journal::FILE))?.records;
+        entry.worker_fault = None;
+        self.happen(id, Event::Asked(Verb::Resume), Some(reason)).map_err(|e| EngineError::Storage(e.to_string()))?;
+        self.pending = Some(id.to_owned());
+        self.entry(id)
+    }
+
     /// Refuses when a run holds the rig, or the daemon ends.
     pub fn check_idle(&self) -> Result<(), EngineError> {
         if self.shutdown || self.ended {
@@ -328,7 +353,9 @@ impl Inner {
     fn happen(&mut self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
         let state = self.runs.get(id).map_or(SessionState::Failed, Entry::state);
         let after = next(state, event)?;
-        let fields = Value::Object(state_fields(after, reason));
+        let mut fields = state_fields(after, reason);
+        fields.insert("resumes".into(), json!(event == Event::DaemonEnded && state.goes_on_by_itself()));
+        let fields = Value::Object(fields);
         if let Err(error) = self.record(id, "session.state", fields) {
             tracing::error!(session = id, state = ?after, %error, "state not journalled");
             if let Some(entry) = self.runs.get_mut(id) {

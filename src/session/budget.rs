@@ -74,12 +74,19 @@ impl TimeBudget {
         *spent += time.as_secs_f64();
     }
 
-    /// The budget of a run that has lasted for `whole`: what no stage was given is all else.
+    /// All of it, seconds.
+    pub fn total_s(&self) -> f64 {
+        let stages =
+            [self.preparation_s, self.motion_s, self.settling_s, self.shutter_s, self.transfer_s, self.camera_s];
+        stages.iter().sum::<f64>() + self.storing_s + self.recovery_s + self.held_s + self.other_s
+    }
+
+    /// The budget of a run that has lasted for `whole_s` seconds: what no stage was given is all else.
     #[must_use]
-    pub fn of_all(&self, whole: Duration) -> Self {
+    pub fn of_all(&self, whole_s: f64) -> Self {
         let needed = self.motion_s + self.settling_s + self.shutter_s + self.transfer_s;
         let lost = self.camera_s + self.storing_s + self.recovery_s;
-        let other_s = whole.as_secs_f64() - needed - lost - self.preparation_s - self.held_s;
+        let other_s = whole_s - needed - lost - self.preparation_s - self.held_s;
         let overhead = (needed > 0.0).then(|| (lost + other_s) / needed);
         Self { other_s, overhead, ..self.clone() }
     }
@@ -121,7 +128,7 @@ mod tests {
     #[test]
     fn what_no_stage_was_given_is_all_else_and_overhead_is_what_a_perfect_rig_would_not_need() {
         let mut budget = TimeBudget::default();
-        assert_eq!(budget.of_all(Duration::from_secs(1)).overhead, None);
+        assert_eq!(budget.of_all(1.0).overhead, None);
         for (stage, seconds) in [
             (Stage::Preparation, 100.0),
             (Stage::Motion, 4.0),
@@ -136,7 +143,8 @@ mod tests {
         ] {
             budget.spend(stage, Duration::from_secs_f64(seconds));
         }
-        let whole = budget.of_all(Duration::from_secs(192));
+        let whole = budget.of_all(192.0);
+        assert_eq!(whole.total_s(), 192.0);
         assert_eq!((whole.shutter_s, whole.other_s, whole.overhead), (32.0, 0.25, Some(0.05)));
         assert!(
             whole.to_string().ends_with("held 50.0 s, other 0.2 s; 5.0 % over motion, settling, shutter and transfer")

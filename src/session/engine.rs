@@ -3,7 +3,7 @@
 
 use super::acquire::{Acquisition, Ended};
 use super::bench::{Bench, OpenArm, OpenCamera, Remedy};
-use super::book::Book;
+use super::book::{Book, Entry};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
 use super::room::{self, Lack};
@@ -16,6 +16,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
+
+/// How often a session is taken up at the daemon's start without a frame in between: it may be what ends the daemon.
+const TAKEN_UP: usize = 3;
 
 /// What the composition root gives the engine.
 pub struct EngineParts {
@@ -49,6 +52,9 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let least_exposures = processing.least_exposures();
     let (jobs, worker) = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
     let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0);
+    if rig.storage.resume_at_start {
+        resume(&book, &rig_text);
+    }
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
     let end = End { book: Arc::clone(&book), jobs: jobs.clone(), worker: Some(worker) };
     let run = move || {
@@ -57,6 +63,22 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     };
     std::thread::Builder::new().name("engine".into()).spawn(run).map_err(no_thread)?;
     Ok(EngineHandle::new(book, rig, rig_text, jobs, speed, least_exposures))
+}
+
+/// Takes up the newest session that the daemon's end interrupted and that goes on by itself.
+fn resume(book: &Book, rig_text: &str) {
+    let mut inner = book.lock();
+    let goes_on = |entry: &&Entry| entry.ledger.resumes() && entry.work.capture().is_some();
+    let Some(entry) = inner.runs.values().rev().find(goes_on) else { return };
+    let (id, taken_up) = (entry.manifest.id.clone(), entry.ledger.taken_up());
+    if taken_up >= TAKEN_UP {
+        tracing::error!(session = id, taken_up, "not taken up again: the daemon ended every time without a new frame");
+        return;
+    }
+    match inner.take_up(&id, rig_text, "taken up again after the daemon ended") {
+        Ok(_) => tracing::info!(session = id, "taken up again"),
+        Err(error) => tracing::error!(session = id, %error, "not taken up again"),
+    }
 }
 
 struct Engine {
@@ -69,8 +91,11 @@ struct Engine {
 
 impl Engine {
     fn run(mut self) {
-        for fault in self.bench.clean_up() {
-            tracing::error!(fault, "clean-up after a crash");
+        // A session that is taken up opens the arm, which puts the lamp out, and is cleaned up after in its turn.
+        if !self.book.has_work() {
+            for fault in self.bench.clean_up() {
+                tracing::error!(fault, "clean-up after a crash");
+            }
         }
         while let Some(id) = self.book.next_session() {
             self.run_session(&id);

@@ -133,6 +133,14 @@ pub enum EngineError {
     /// The store could not be written or read.
     #[error("storage: {0}")]
     Storage(String),
+    /// An interrupted session cannot be taken up with another rig file.
+    #[error(
+        "session {id} was begun with another rig file: start the daemon with that one (manifest.json of the session holds it), or start a new session"
+    )]
+    RigChanged {
+        /// The session.
+        id: String,
+    },
     /// The engine's thread ended.
     #[error("the engine has ended: restart the daemon")]
     Gone,
@@ -229,7 +237,15 @@ impl EngineHandle {
 
     /// Asks something of a session; answers with its snapshot after the request was taken.
     pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, EngineError> {
-        self.book.lock().session(id)?;
+        let mut inner = self.book.lock();
+        let interrupted = inner.session(id)?.state() == SessionState::Interrupted;
+        if verb == Verb::Resume && interrupted {
+            let snapshot = inner.take_up(id, &self.rig_text, "taken up again by a user")?.snapshot();
+            drop(inner);
+            self.book.tell();
+            return Ok(snapshot);
+        }
+        drop(inner);
         self.book.ask(id, verb, Entry::snapshot)
     }
 

@@ -50,6 +50,9 @@ pub struct Ledger {
     frames: BTreeMap<(usize, usize), FrameRecord>,
     superseded: Vec<FrameRecord>,
     developed: BTreeSet<usize>,
+    /// Take-ups since a frame was last committed.
+    taken_up: usize,
+    resumes: bool,
 }
 
 impl Ledger {
@@ -81,7 +84,7 @@ impl Ledger {
             |plan: &super::calibration::plan::CalibrationPlan| plan.steps.first().map_or(Step::Done, |s| s.step);
         let progress = work.calibration().map(|plan| Progress::new(first(plan)));
         let (frames, superseded, developed) = (BTreeMap::new(), Vec::new(), BTreeSet::new());
-        Self { snapshot, progress, exposures, frames, superseded, developed }
+        Self { snapshot, progress, exposures, frames, superseded, developed, taken_up: 0, resumes: false }
     }
 
     /// Takes one journal record into account; unknown types and fields are passed over.
@@ -105,8 +108,14 @@ impl Ledger {
             }
             Some("calibration.doubted") => {
                 let warnings = record["warnings"].as_array().into_iter().flatten();
-                self.snapshot.warnings.extend(warnings.filter_map(Value::as_str).map(str::to_owned));
+                for warning in warnings.filter_map(Value::as_str) {
+                    // A session that was taken up again is told the same once more.
+                    if !self.snapshot.warnings.iter().any(|known| known == warning) {
+                        self.snapshot.warnings.push(warning.to_owned());
+                    }
+                }
             }
+            Some("frame.lost") => self.lose_frame(record),
             Some("time.budget") => self.snapshot.time_budget = TimeBudget::deserialize(record).ok(),
             Some("fit.finished") => {
                 if let Some(error) = record["mean_relative_error"].as_f64() {
@@ -119,6 +128,14 @@ impl Ledger {
 
     fn apply_state(&mut self, record: &Value) {
         if let Ok(state) = SessionState::deserialize(&record["state"]) {
+            if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
+                self.taken_up += 1;
+                self.snapshot.ended = None;
+                // A crash may have left less of a radiance image than its journal line says.
+                self.developed.clear();
+                self.snapshot.stations_developed = 0;
+            }
+            self.resumes = record["resumes"] == true;
             self.snapshot.state = state;
             self.snapshot.reason = record["reason"].as_str().map(str::to_owned);
             if state.is_final() {
@@ -128,6 +145,7 @@ impl Ledger {
     }
 
     fn apply_frame(&mut self, frame: FrameRecord) {
+        self.taken_up = 0;
         let station = frame.station;
         let old: Vec<_> = self.frames.range((station, 0)..=(station, usize::MAX)).map(|(&cell, _)| cell).collect();
         for cell in old {
@@ -140,14 +158,50 @@ impl Ledger {
         self.snapshot.frames_committed = self.frames.len();
     }
 
+    /// A committed frame whose file is no longer what it was does not count.
+    fn lose_frame(&mut self, record: &Value) {
+        let lost: Vec<_> =
+            self.frames.iter().filter(|(_, f)| record["file"] == f.file).map(|(&cell, _)| cell).collect();
+        for cell in lost {
+            self.superseded.extend(self.frames.remove(&cell));
+        }
+        self.snapshot.frames_committed = self.frames.len();
+    }
+
+    /// How often the session was taken up again since a frame was last committed.
+    pub fn taken_up(&self) -> usize {
+        self.taken_up
+    }
+
+    /// True when the daemon's end interrupted it and it goes on at the next start.
+    pub fn resumes(&self) -> bool {
+        self.resumes
+    }
+
+    /// The last attempt of every cell that was ever committed, and the last bracket.
+    pub fn attempts(&self) -> (BTreeMap<(usize, usize), usize>, usize) {
+        let (mut attempts, mut bracket) = (BTreeMap::new(), 0);
+        for frame in self.every_frame() {
+            let last = attempts.entry((frame.station, frame.exposure)).or_insert(0);
+            *last = frame.attempt.max(*last);
+            bracket = frame.bracket.max(bracket);
+        }
+        (attempts, bracket)
+    }
+
     /// True when the journal knows this file of `frames/`.
     pub fn has_file(&self, name: &str) -> bool {
-        self.frames.values().chain(&self.superseded).any(|frame| frame.file == name)
+        self.every_frame().any(|frame| frame.file == name)
     }
 
     /// The frames that count, by station and exposure.
     pub fn frames(&self) -> impl Iterator<Item = &FrameRecord> {
         self.frames.values()
+    }
+
+    /// Every frame that was ever committed.
+    pub fn every_frame(&self) -> impl Iterator<Item = &FrameRecord> {
+        self.frames.values().chain(&self.superseded)
     }
 
     /// The bracket of a station in shooting order, if every exposure of it is there.

@@ -14,6 +14,7 @@ pub mod quality;
 mod refit;
 mod room;
 pub mod state;
+pub mod verify;
 mod work;
 mod worker;
 

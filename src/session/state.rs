@@ -36,17 +36,23 @@ pub enum SessionState {
     Halted,
     /// Ended by an error, named in `reason`.
     Failed,
-    /// The daemon, the arm or the camera ended in the middle; what was shot is kept.
+    /// The daemon, the arm or the camera ended in the middle; what was shot is kept, and `resume` takes it up again.
     Interrupted,
 }
 
 impl SessionState {
-    /// True when nothing more happens to the session.
+    /// True when nothing more happens to the session, unless somebody takes up an interrupted one again.
     pub fn is_final(self) -> bool {
         matches!(
             self,
             Self::Completed | Self::Stopped | Self::Aborted | Self::Halted | Self::Failed | Self::Interrupted
         )
+    }
+
+    /// True when a session that the daemon's end catches in this state goes on at the next start: it was shooting or fitting, nobody
+    /// held it up or wanted it to end.
+    pub fn goes_on_by_itself(self) -> bool {
+        matches!(self, Self::Preflight | Self::Running | Self::Suspended | Self::Fitting)
     }
 }
 
@@ -56,7 +62,7 @@ impl SessionState {
 pub enum Verb {
     /// Pause at the next safe point.
     Pause,
-    /// Go on after a pause or suspension.
+    /// Go on after a pause, a suspension or an interruption.
     Resume,
     /// End early, clean up, keep and fit what is there.
     Stop,
@@ -127,6 +133,7 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
     use SessionState as S;
     let after = match (state, event) {
         (S::Preflight, Event::Ready) => S::Running,
+        (S::Interrupted, Event::Asked(Verb::Resume)) => S::Preflight,
         (S::Running, Event::Asked(Verb::Pause)) => S::Pausing,
         (S::Pausing, Event::SafePoint) => S::Paused,
         (S::Pausing | S::Paused | S::Suspended, Event::Asked(Verb::Resume)) => S::Running,
@@ -134,7 +141,7 @@ pub fn next(state: SessionState, event: Event) -> Result<SessionState, WrongEven
         (S::Awaiting, Event::Asked(Verb::Shoot)) => S::Running,
         (S::Running | S::Pausing | S::Fitting, Event::ConditionLost) => S::Suspended,
         (S::Suspended, Event::ConditionBack) => S::Running,
-        (S::Running | S::Pausing, Event::FramesIn) => S::Fitting,
+        (S::Preflight | S::Running | S::Pausing, Event::FramesIn) => S::Fitting,
         (S::Fitting, Event::Done) => S::Completed,
         (S::Stopping, Event::Done) => S::Stopped,
         (S::Aborting, Event::Done) => S::Aborted,
@@ -208,6 +215,8 @@ mod tests {
             (S::Fitting, vec![Abort]),
             (S::Stopping, vec![Abort]),
             (S::Aborting, vec![]),
+            (S::Interrupted, vec![Resume]),
+            (S::Failed, vec![]),
         ];
         for (state, verbs) in table {
             assert_eq!(allowed(state), verbs, "{state:?}");
@@ -223,11 +232,14 @@ mod tests {
     }
 
     #[test]
-    fn final_states_stay_and_every_other_has_a_way_to_every_kind_of_end() {
+    fn final_states_stay_but_for_a_resumed_interruption_and_every_other_has_a_way_to_every_kind_of_end() {
         for state in STATES {
             let ways: Vec<S> = events().into_iter().filter_map(|event| next(state, event).ok()).collect();
-            assert_eq!(ways.is_empty(), state.is_final(), "{state:?}");
-            if !state.is_final() {
+            if state == S::Interrupted {
+                assert_eq!(ways, [S::Preflight]);
+            } else if state.is_final() {
+                assert!(ways.is_empty(), "{state:?}");
+            } else {
                 assert_eq!(next(state, Event::Fault), Ok(S::Failed));
                 assert_eq!(next(state, Event::DaemonEnded), Ok(S::Interrupted));
                 assert!(!ways.contains(&state), "{state:?} has a transition to itself");

@@ -30,10 +30,31 @@ pub fn write(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Res
     sync_directory(disk, directory)
 }
 
+/// Whether a committed frame is still what its journal line says; why not, in words.
+pub fn check(path: &Path, bytes: u64, blake3: &str) -> Result<(), String> {
+    let found = std::fs::read(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
+    if found.len() as u64 != bytes {
+        return Err(format!("{} has {} bytes, not the {bytes} that were committed", path.display(), found.len()));
+    }
+    if blake3::hash(&found).to_hex().as_str() != blake3 {
+        return Err(format!("{} is not what was committed: its hash differs", path.display()));
+    }
+    Ok(())
+}
+
 /// Takes back a frame whose journal line could not be written.
 pub fn take_back(disk: &dyn Disk, directory: &Path, name: &str) -> Result<(), StoreError> {
     remove_if_there(disk, &directory.join(name))?;
     sync_directory(disk, directory)
+}
+
+/// The names of all files of `directory`.
+pub fn names(directory: &Path) -> Result<Vec<String>, StoreError> {
+    let entries = std::fs::read_dir(directory).map_err(|e| io_error("list", directory, &e))?;
+    let name = |entry: std::io::Result<std::fs::DirEntry>| {
+        entry.map(|entry| entry.file_name().to_string_lossy().into_owned()).map_err(|e| io_error("list", directory, &e))
+    };
+    entries.map(name).collect()
 }
 
 /// Removes every file of `directory` that `journalled` does not know: temporary files and frames that were never acknowledged.
@@ -43,15 +64,9 @@ pub fn remove_strays(
     directory: &Path,
     journalled: impl Fn(&str) -> bool,
 ) -> Result<Vec<String>, StoreError> {
-    let mut removed = Vec::new();
-    let entries = std::fs::read_dir(directory).map_err(|e| io_error("list", directory, &e))?;
-    for entry in entries {
-        let entry = entry.map_err(|e| io_error("list", directory, &e))?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if !journalled(&name) {
-            remove_if_there(disk, &entry.path())?;
-            removed.push(name);
-        }
+    let mut removed: Vec<String> = names(directory)?.into_iter().filter(|name| !journalled(name)).collect();
+    for name in &removed {
+        remove_if_there(disk, &directory.join(name))?;
     }
     if !removed.is_empty() {
         sync_directory(disk, directory)?;

@@ -180,6 +180,11 @@ impl FrameWriter {
             .map_err(|error| error.with_need(self.disk.as_ref(), needed))
     }
 
+    /// Whether a committed frame is still what it was; why not, in words.
+    pub fn check(&self, name: &str, bytes: u64, blake3: &str) -> Result<(), String> {
+        frames::check(&self.directory.join(name), bytes, blake3)
+    }
+
     /// Takes back a frame whose journal line could not be written.
     pub fn take_back(&self, name: &str) -> Result<(), StoreError> {
         frames::take_back(self.disk.as_ref(), &self.directory, name)

@@ -76,7 +76,7 @@ pub fn rig() -> Rig {
             objective: "noise".into(),
             cosine_cutoff: 0.15,
         },
-        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000 },
+        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
         server: Server { listen: "127.0.0.1:0".parse().unwrap() },
         simulation: None,
         calibration: None,

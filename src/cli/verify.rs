@@ -1,0 +1,87 @@
+//! `rigd verify`: is what lies on disk still what was committed?
+
+use super::error::{bad_input, print_line};
+use crate::session::verify::{Verified, verify};
+use crate::store::manifest::{CALIBRATIONS, SESSIONS};
+use anyhow::bail;
+use std::path::{Path, PathBuf};
+
+/// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// Directories of sessions or calibrations, or a data directory: then all that is in it.
+    #[arg(required = true)]
+    directories: Vec<PathBuf>,
+    /// Print an array of what was found and nothing else.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command; fails when anything is not what was committed.
+///
+/// # Errors
+/// A directory that is none, or holds nothing to check; anything that is not what it was.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let mut all = Vec::new();
+    for directory in &args.directories {
+        let runs = runs(directory)?;
+        if runs.is_empty() {
+            return Err(bad_input(format!(
+                "{}: no session in it: name a session or a data directory",
+                directory.display()
+            )));
+        }
+        all.extend(runs);
+    }
+    let found: Vec<Verified> = all.iter().map(|run| checked(run)).collect();
+    if args.json {
+        print_line(serde_json::to_string_pretty(&found)?)?;
+    } else {
+        found.iter().try_for_each(show)?;
+    }
+    let bad = found.iter().filter(|run| !run.faults.is_empty()).count();
+    if bad > 0 {
+        bail!("{bad} of {} are not what was committed", found.len());
+    }
+    Ok(())
+}
+
+/// A run that cannot be read at all is one with a fault.
+fn checked(run: &Path) -> Verified {
+    verify(run).unwrap_or_else(|error| Verified {
+        id: run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+        state: "unreadable".into(),
+        records: 0,
+        frames: 0,
+        faults: vec![error.to_string()],
+    })
+}
+
+fn show(run: &Verified) -> std::io::Result<()> {
+    let verdict = if run.faults.is_empty() { "sound" } else { "NOT SOUND" };
+    print_line(format!("{}  {}  {} records, {} frames: {verdict}", run.id, run.state, run.records, run.frames))?;
+    run.faults.iter().try_for_each(|fault| print_line(format!("  {fault}")))
+}
+
+/// The directory itself when it is a run; the runs in it when it is a data directory.
+fn runs(directory: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if directory.join("manifest.json").exists() {
+        return Ok(vec![directory.to_path_buf()]);
+    }
+    let mut runs = Vec::new();
+    for shelf in [SESSIONS, CALIBRATIONS] {
+        let shelf = directory.join(shelf);
+        if !shelf.is_dir() {
+            continue;
+        }
+        for entry in std::fs::read_dir(&shelf)? {
+            let path = entry?.path();
+            let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+            if path.is_dir() && !hidden {
+                runs.push(path);
+            }
+        }
+    }
+    runs.sort();
+    Ok(runs)
+}

@@ -1,0 +1,61 @@
+//! What comes before the first frame: what an earlier run of the session left is adopted, then devices are opened and made ready.
+
+use super::{Acquisition, Ended};
+use crate::session::ledger::FrameRecord;
+use crate::session::worker::Job;
+use serde_json::json;
+
+/// Waits for the devices of a session that is taken up, each before another try, seconds: after a power cut a body may take a while
+/// until it is there.
+const DEVICES_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
+
+impl Acquisition<'_> {
+    /// The stations still to be shot. What an earlier run of the session committed is believed by its hashes, and whole brackets go to
+    /// the worker; the lamp was off in between, so a bracket that is not whole is shot again from its first exposure.
+    pub(super) fn adopt(&mut self) -> Result<Vec<usize>, Ended> {
+        let committed: Vec<FrameRecord> =
+            self.book.look(self.id, |entry| entry.ledger.frames().cloned().collect()).unwrap_or_default();
+        for frame in committed {
+            if let Err(reason) = self.writer.check(&frame.file, frame.bytes, &frame.blake3) {
+                let fields =
+                    json!({"station": frame.station, "exposure": frame.exposure, "file": frame.file, "reason": reason});
+                self.record("frame.lost", fields)?;
+            }
+        }
+        let mut todo = Vec::new();
+        for station in 0..self.work.stations() {
+            let whole = self.work.capture().is_some()
+                && self.book.look(self.id, |entry| entry.ledger.bracket(station).is_some()) == Some(true);
+            if whole {
+                self.hand_over(|session| Job::Develop { session, station })?;
+            } else {
+                todo.push(station);
+            }
+        }
+        Ok(todo)
+    }
+
+    /// Devices open, arm homed, lamp warm.
+    pub(super) fn preflight(&mut self) -> Result<(), Ended> {
+        self.safe_point()?;
+        let mut opened = self.bench.open();
+        for wait_s in if self.resumed { &DEVICES_WAIT_S[..] } else { &[] } {
+            if opened.is_err() {
+                self.rest(*wait_s)?;
+                opened = self.bench.open();
+            }
+        }
+        self.book.lock().device_fault = opened.as_ref().err().cloned();
+        let (arm, camera) = opened.map_err(|reason| self.unfit(reason))?;
+        self.doubt_devices(&arm, &camera)?;
+        self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
+        self.safe_point()?;
+        self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
+        self.rest(self.rig.lamp.soak_s)
+    }
+
+    /// Devices that are not fit for a session end a new one, and leave one with frames as it was.
+    pub(super) fn unfit(&self, reason: String) -> Ended {
+        if self.resumed { Ended::Interrupted(reason) } else { Ended::Failed(reason) }
+    }
+}

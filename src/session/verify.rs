@@ -1,0 +1,58 @@
+//! Whether what a run left on disk is still what it was.
+
+use super::ledger::Ledger;
+use super::work::Work;
+use crate::store::{StoreError, frames, journal, manifest};
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// What was found in the directory of a session or a calibration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verified {
+    /// Its id.
+    pub id: String,
+    /// Its state, as the journal has it.
+    pub state: String,
+    /// Records of the journal whose chain is sound.
+    pub records: usize,
+    /// Frames that were read and are what was committed.
+    pub frames: usize,
+    /// What is wrong, in words; empty when nothing is.
+    pub faults: Vec<String>,
+}
+
+/// Reads every frame that was ever committed in `directory` and holds it against the journal, whose chain of hashes is walked first.
+///
+/// # Errors
+/// [`StoreError`] when there is no readable manifest or journal.
+pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
+    let manifest = manifest::read(directory)?;
+    let journal = journal::read(&directory.join(journal::FILE))?;
+    let mut faults: Vec<String> = journal.fault.iter().map(|fault| format!("journal.jsonl: {fault}")).collect();
+    let unplanned = |e: serde_json::Error| StoreError::Corrupt {
+        path: directory.join("manifest.json").display().to_string(),
+        reason: format!("it holds no plan: {e}"),
+    };
+    let mut ledger = Ledger::new(&manifest, &Work::of(&manifest).map_err(unplanned)?);
+    journal.records.iter().for_each(|record| ledger.apply(record));
+    let shelf = directory.join("frames");
+    let (mut sound, mut known) = (0, BTreeSet::new());
+    for frame in ledger.every_frame() {
+        known.insert(frame.file.clone());
+        match frames::check(&shelf.join(&frame.file), frame.bytes, &frame.blake3) {
+            Ok(()) => sound += 1,
+            Err(reason) => faults.push(reason),
+        }
+    }
+    faults.extend(strays(&shelf, &known)?);
+    let state = ledger.snapshot.state.to_string();
+    Ok(Verified { id: manifest.id, state, records: journal.records.len(), frames: sound, faults })
+}
+
+/// Files that no record of the journal knows: a daemon removes those of its own that a crash left.
+fn strays(shelf: &Path, known: &BTreeSet<String>) -> Result<Vec<String>, StoreError> {
+    let mut strays: Vec<String> = frames::names(shelf)?.into_iter().filter(|name| !known.contains(name)).collect();
+    strays.sort();
+    Ok(strays.into_iter().map(|name| format!("{}: the journal does not know it", shelf.join(name).display())).collect())
+}

@@ -1,0 +1,202 @@
+//! Sessions that were interrupted and go on: by themselves when the daemon starts again, or when an operator says so.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+mod support;
+
+use rigd::devices::arm::ArmError;
+use rigd::devices::camera::CameraError;
+use rigd::session::handle::{EngineError, EngineHandle};
+use rigd::session::state::{SessionState as S, Verb};
+use std::collections::BTreeSet;
+use std::path::Path;
+use support::{Act, Fakes, LEVEL, begin, events, rig, until, wait_for};
+
+/// Shoots until `frames` are committed, then the daemon ends; the session's id.
+fn ended_after(fakes: &Fakes, data: &Path, frames: usize) -> String {
+    fakes.on_shot(move |_, count, cancel| {
+        if count == frames {
+            until("the cancel", || cancel.is_cancelled());
+            return Act::Fail(CameraError::Cancelled);
+        }
+        Act::Good
+    });
+    let engine = fakes.engine(data);
+    let id = begin(&engine);
+    until("the shot", || fakes.world().shots.len() == frames + 1);
+    engine.shutdown().unwrap();
+    fakes.on_shot(|_, _, _| Act::Good);
+    assert_eq!(engine.session(&id).unwrap().state, S::Interrupted);
+    id
+}
+
+/// Every cell of the plan has one frame that counts, a station's frames are of one bracket, and each was lit as planned.
+fn assert_whole(fakes: &Fakes, engine: &EngineHandle, id: &str) {
+    let frames = engine.frames(id).unwrap();
+    let count = |f: &&serde_json::Value| f["state"] == "committed";
+    let cells: BTreeSet<_> =
+        frames.iter().filter(count).map(|f| (f["station"].as_u64(), f["exposure"].as_u64())).collect();
+    assert_eq!((cells.len(), frames.iter().filter(count).count()), (6, 6));
+    for station in 0..3 {
+        let brackets: BTreeSet<_> =
+            frames.iter().filter(count).filter(|f| f["station"] == station).map(|f| f["bracket"].as_u64()).collect();
+        assert_eq!(brackets.len(), 1, "station {station}");
+    }
+    assert!(fakes.world().shots.iter().all(|shot| shot.2 == LEVEL));
+    fakes.assert_safe();
+}
+
+#[test]
+fn a_session_goes_on_when_the_daemon_starts_again_and_shoots_whole_stations_no_second_time() {
+    for frames in 0..6 {
+        let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+        let id = ended_after(&fakes, data.path(), frames);
+        fakes.world().shots.clear();
+        let engine = fakes.engine(data.path());
+        let end = wait_for(&engine, &id, S::Completed);
+        assert_eq!((end.frames_committed, end.ended.is_some(), end.reason), (6, true, None));
+        let again: Vec<_> = fakes.world().shots.iter().map(|shot| (shot.0, shot.1)).collect();
+        let want: Vec<_> = (frames / 2..3).flat_map(|station| [(station, 0), (station, 1)]).collect();
+        assert_eq!(again, want, "{frames} frames before");
+        assert_whole(&fakes, &engine, &id);
+        assert_eq!(events(&engine, &id, "frame.committed").len(), 6 + frames % 2);
+    }
+}
+
+#[test]
+fn a_session_whose_frames_are_all_in_is_fitted_without_touching_the_rig() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let engine = fakes.engine(data.path());
+    let id = begin(&engine);
+    wait_for(&engine, &id, S::Completed);
+    engine.shutdown().unwrap();
+    drop(engine);
+    // The journal as a crash in the middle of the fit leaves it.
+    let path = data.path().join("sessions").join(&id).join("journal.jsonl");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let fitting = text.lines().position(|line| line.contains("\"state\":\"fitting\"")).unwrap();
+    let kept: Vec<&str> = text.lines().take(fitting + 1).collect();
+    std::fs::write(&path, kept.join("\n") + "\n").unwrap();
+    let opened = fakes.world().arm_opened;
+
+    let engine = fakes.engine(data.path());
+    wait_for(&engine, &id, S::Completed);
+    let world = fakes.world();
+    assert_eq!((world.fitted.len(), world.shots.len()), (2, 6));
+    // By the clean-up: what the crash left of the lamp is not known.
+    assert_eq!(world.arm_opened, opened + 1);
+    drop(world);
+    fakes.assert_safe();
+}
+
+#[test]
+fn an_operator_takes_up_what_the_hardware_interrupted() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let blocked = || ArmError::NotArrived { angle_deg: 3.0, target_deg: 15.0, waited_s: 4.0 };
+    let mut once = true;
+    fakes.on_arm(move |call, world| {
+        (call == "status" && world.shots.len() == 3 && std::mem::take(&mut once)).then(blocked)
+    });
+    let engine = fakes.engine(data.path());
+    let id = begin(&engine);
+    wait_for(&engine, &id, S::Interrupted);
+    assert!(engine.readiness().is_err());
+    fakes.assert_safe();
+    assert_eq!(engine.command(&id, Verb::Resume).unwrap().state, S::Preflight);
+    let refused = engine.command(&id, Verb::Resume).unwrap_err();
+    assert!(matches!(refused, EngineError::WrongState { .. }), "{refused}");
+    wait_for(&engine, &id, S::Completed);
+    assert_whole(&fakes, &engine, &id);
+    assert!(engine.readiness().is_ok());
+    // Events of both runs, in one chain, for a client that was away.
+    let all = engine.events_after(&id, 0).unwrap();
+    assert!(all.iter().enumerate().all(|(i, event)| event["seq"] == i as u64 + 1));
+}
+
+#[test]
+fn a_paused_session_and_one_that_is_left_to_the_operator_wait_for_him() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let gate = fakes.gate_at(2);
+    let engine = fakes.engine(data.path());
+    let paused = begin(&engine);
+    gate.reached();
+    engine.command(&paused, Verb::Pause).unwrap();
+    gate.open();
+    wait_for(&engine, &paused, S::Paused);
+    engine.shutdown().unwrap();
+    drop(engine);
+    fakes.world().shots.clear();
+    let left = ended_after(&fakes, data.path(), 3);
+    fakes.world().shots.clear();
+
+    let mut rig = rig();
+    rig.storage.resume_at_start = false;
+    let engine = fakes.try_engine(data.path(), rig).unwrap();
+    for id in [&paused, &left] {
+        assert_eq!(engine.session(id).unwrap().state, S::Interrupted);
+    }
+    for id in [&left, &paused] {
+        engine.command(id, Verb::Resume).unwrap();
+        assert!(matches!(
+            engine.command(&paused, Verb::Resume),
+            Err(EngineError::Busy { .. } | EngineError::WrongState { .. })
+        ));
+        wait_for(&engine, id, S::Completed);
+        assert_whole(&fakes, &engine, id);
+    }
+}
+
+#[test]
+fn a_frame_that_is_no_longer_what_was_committed_is_shot_again_with_its_bracket() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let id = ended_after(&fakes, data.path(), 4);
+    let frames = data.path().join("sessions").join(&id).join("frames");
+    let mut bytes = std::fs::read(frames.join("000-01.jpg")).unwrap();
+    bytes[40] ^= 1;
+    std::fs::write(frames.join("000-01.jpg"), bytes).unwrap();
+    std::fs::remove_file(frames.join("001-00.jpg")).unwrap();
+    fakes.world().shots.clear();
+    let engine = fakes.engine(data.path());
+    wait_for(&engine, &id, S::Completed);
+    let lost: Vec<_> =
+        events(&engine, &id, "frame.lost").iter().map(|e| e["file"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(lost, ["000-01.jpg", "001-00.jpg"]);
+    assert_eq!(fakes.world().shots.len(), 6);
+    assert_whole(&fakes, &engine, &id);
+    assert!(frames.join("000-01.jpg").exists(), "the damaged file is evidence");
+}
+
+#[test]
+fn another_rig_file_does_not_go_on_with_it() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let id = ended_after(&fakes, data.path(), 3);
+    let engine = fakes.engine_of(data.path(), rig(), "name = \"another rig\"").unwrap();
+    let refused = engine.command(&id, Verb::Resume).unwrap_err();
+    assert!(matches!(&refused, EngineError::RigChanged { .. }), "{refused}");
+    assert_eq!(engine.session(&id).unwrap().state, S::Interrupted);
+}
+
+/// A session that ends the daemon each time it is taken up must not do so for ever.
+#[test]
+fn the_fourth_take_up_without_a_frame_is_left_to_the_operator() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let id = ended_after(&fakes, data.path(), 3);
+    for take_up in 1..=4 {
+        let before = fakes.world().shots.len();
+        fakes.on_shot(|_, _, cancel| {
+            until("the cancel", || cancel.is_cancelled());
+            Act::Fail(CameraError::Cancelled)
+        });
+        let engine = fakes.engine(data.path());
+        if take_up <= 3 {
+            until("a shot", || fakes.world().shots.len() > before);
+        }
+        engine.shutdown().unwrap();
+        let went_on = fakes.world().shots.len() > before;
+        assert_eq!(went_on, take_up <= 3, "take-up {take_up}");
+    }
+    fakes.on_shot(|_, _, _| Act::Good);
+    let engine = fakes.engine(data.path());
+    assert_eq!(engine.session(&id).unwrap().state, S::Interrupted);
+    engine.command(&id, Verb::Resume).unwrap();
+    wait_for(&engine, &id, S::Completed);
+    assert_whole(&fakes, &engine, &id);
+}
