@@ -33,6 +33,8 @@ pub enum Request {
         model: Option<String>,
         /// Port as libgphoto2 spells it: `usb:001,005`, `ptpip:127.0.0.1:15740:15740`; without it the only one found.
         port: Option<String>,
+        /// Serial number: of the cameras found the one whose body has it; without it there must be only one.
+        serial: Option<String>,
     },
     /// Sets, exposes, and hands over the files. Answered by [`Reply::Files`].
     Shoot(Shot),

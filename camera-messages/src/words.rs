@@ -42,6 +42,16 @@ pub fn which_camera(found: &[(String, String)]) -> String {
     format!("several cameras were found: name the model or the port of one ({})", names.join(", "))
 }
 
+/// None of the cameras found is the one; each with its port and serial number.
+pub fn other_bodies(wanted: &str, found: &[(String, Option<String>)]) -> String {
+    let other = |(port, serial): &(String, Option<String>)| match serial {
+        Some(serial) => format!("{serial} at {port}"),
+        None => format!("one without at {port}"),
+    };
+    let others: Vec<String> = found.iter().map(other).collect();
+    format!("no camera has the serial number {wanted}, but {}: connect the right one", others.join(", "))
+}
+
 /// Name and number of an error by the name that the crate has for it (gphoto2 3.4.1, src/error.rs; libgphoto2, gphoto2-result.h).
 pub fn error_code(kind: &str) -> (&'static str, i32) {
     match kind {
@@ -119,6 +129,13 @@ mod tests {
         assert!(which_camera(&[]).contains("no camera"));
         let both = [("A".to_owned(), "usb:001,002".to_owned()), ("B".to_owned(), "usb:001,003".to_owned())];
         assert!(which_camera(&both).contains("A at usb:001,002, B at usb:001,003"));
+    }
+
+    #[test]
+    fn other_bodies_are_told_by_their_serial_numbers() {
+        let found = [("usb:001,005".to_owned(), Some("2".to_owned())), ("usb:001,006".to_owned(), None)];
+        let told = "no camera has the serial number 1, but 2 at usb:001,005, one without at usb:001,006: connect the right one";
+        assert_eq!(other_bodies("1", &found), told);
     }
 
     #[test]

@@ -28,9 +28,18 @@ pub(crate) struct OpenCamera {
 }
 
 impl OpenCamera {
-    /// Opens the camera of this model at this port, or the only one found.
-    pub(crate) fn open(context: &Context, model: Option<String>, port: Option<String>) -> Result<Self, Failure> {
-        open(context, model, port).map_err(|failure| Failure { handle: HandleState::Dead, ..failure })
+    /// Opens the camera of this model at this port: the only one found, or of several the one with this serial number.
+    pub(crate) fn open(
+        context: &Context,
+        model: Option<String>,
+        port: Option<String>,
+        serial: Option<String>,
+    ) -> Result<Self, Failure> {
+        let opened = find(context, model, port).and_then(|found| match serial {
+            Some(serial) => open_body(context, found, &serial),
+            None => open(context, only(found)?),
+        });
+        opened.map_err(|failure| Failure { handle: HandleState::Dead, ..failure })
     }
 
     pub(crate) fn identity(&self) -> &Identity {
@@ -72,8 +81,24 @@ pub(crate) fn place(path: &CameraFilePath) -> FilePlace {
     FilePlace { folder: path.folder().into(), name: path.name().into() }
 }
 
-fn open(context: &Context, model: Option<String>, port: Option<String>) -> Result<OpenCamera, Failure> {
-    let descriptor = find(context, model, port)?;
+/// Opens one camera after another until one has the serial number. What another program holds is passed over.
+fn open_body(context: &Context, found: Vec<CameraDescriptor>, serial: &str) -> Result<OpenCamera, Failure> {
+    let (mut others, mut failed) = (Vec::new(), None);
+    for descriptor in found {
+        match open(context, descriptor) {
+            Ok(camera) if camera.identity.serial.as_deref() == Some(serial) => return Ok(camera),
+            Ok(camera) => others.push((camera.identity.port, camera.identity.serial)),
+            Err(failure) => failed = Some(failure),
+        }
+    }
+    Err(match failed {
+        Some(failure) => failure,
+        None if others.is_empty() => refused(Step::Open, words::which_camera(&[])),
+        None => refused(Step::Open, words::other_bodies(serial, &others)),
+    })
+}
+
+fn open(context: &Context, descriptor: CameraDescriptor) -> Result<OpenCamera, Failure> {
     let camera = call(Step::Open, context.get_camera(&descriptor))?;
     let abilities = camera.abilities();
     let driver = words::driver(&abilities.id());
@@ -92,25 +117,28 @@ fn open(context: &Context, model: Option<String>, port: Option<String>) -> Resul
     Ok(OpenCamera { camera, identity, seen: HashSet::new() })
 }
 
-fn find(context: &Context, model: Option<String>, port: Option<String>) -> Result<CameraDescriptor, Failure> {
+/// Cameras of this model at this port. What is named in full is not looked for.
+fn find(context: &Context, model: Option<String>, port: Option<String>) -> Result<Vec<CameraDescriptor>, Failure> {
     match (model, port) {
-        (Some(model), Some(port)) => Ok(CameraDescriptor { model, port }),
-        (None, Some(port)) if port.starts_with("ptpip:") => Ok(CameraDescriptor { model: PTP_IP_MODEL.into(), port }),
+        (Some(model), Some(port)) => Ok(vec![CameraDescriptor { model, port }]),
+        (None, Some(port)) if port.starts_with("ptpip:") => {
+            Ok(vec![CameraDescriptor { model: PTP_IP_MODEL.into(), port }])
+        }
         (model, port) => {
             let wanted = |found: &CameraDescriptor| {
                 model.as_ref().is_none_or(|model| *model == found.model)
                     && port.as_ref().is_none_or(|port| *port == found.port)
             };
-            let mut found: Vec<CameraDescriptor> = call(Step::Open, context.list_cameras())?.filter(wanted).collect();
-            match (found.pop(), found.is_empty()) {
-                (Some(only), true) => Ok(only),
-                (last, _) => {
-                    let all: Vec<_> = found.into_iter().chain(last).map(|found| (found.model, found.port)).collect();
-                    Err(refused(Step::Open, words::which_camera(&all)))
-                }
-            }
+            Ok(call(Step::Open, context.list_cameras())?.filter(wanted).collect())
         }
     }
+}
+
+fn only(found: Vec<CameraDescriptor>) -> Result<CameraDescriptor, Failure> {
+    <[CameraDescriptor; 1]>::try_from(found).map(|[only]| only).map_err(|found| {
+        let all: Vec<_> = found.into_iter().map(|found| (found.model, found.port)).collect();
+        refused(Step::Open, words::which_camera(&all))
+    })
 }
 
 /// Makes pictures go to the card. The choice is the host's own, kept in its home, and applied by the library before each capture.

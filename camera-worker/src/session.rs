@@ -41,10 +41,10 @@ impl Session {
             _ if !self.greeted => {
                 Err(refused(Step::Handshake, format!("the first request must be `hello` with protocol {PROTOCOL}")))
             }
-            Request::Open { model, port } => {
+            Request::Open { model, port, serial } => {
                 self.camera = None;
                 let context = self.context()?;
-                let camera = OpenCamera::open(&context, model, port)?;
+                let camera = OpenCamera::open(&context, model, port, serial)?;
                 let identity = Box::new(camera.identity().clone());
                 self.camera = Some(camera);
                 self.dead = false;

@@ -148,7 +148,7 @@ fn a_camera_that_comes_back_elsewhere_is_opened_there() {
 fn a_camera_that_answers_no_more_is_dead_until_it_is_switched_off_and_on() {
     let (server, mut worker) = with(Fault::Hang(Moment::Release));
     assert_eq!(worker.fail(Request::Shoot(jpeg("1/4"))).handle, HandleState::Dead);
-    let open = Request::Open { model: None, port: Some(server.gphoto2_port()) };
+    let open = Request::Open { model: None, port: Some(server.gphoto2_port()), serial: None };
     let failure = worker.fail(open);
     assert_eq!(failure.handle, HandleState::Dead);
     server.faults().release();
@@ -182,6 +182,7 @@ fn a_camera_that_is_not_there_is_said_in_words() {
     let nowhere = |model: Option<&str>| Request::Open {
         model: model.map(str::to_owned),
         port: Some("ptpip:127.0.0.1:1:1".into()),
+        serial: None,
     };
     let failure = worker.fail(nowhere(None));
     assert_eq!(failure.handle, HandleState::Dead);
@@ -190,6 +191,6 @@ fn a_camera_that_is_not_there_is_said_in_words() {
     assert_eq!((failure.step, failure.handle), (Step::Open, HandleState::Dead));
     assert_eq!(failure.library.as_ref().unwrap().name, "GP_ERROR_MODEL_NOT_FOUND");
     assert!(failure.what.contains("does not know this model"), "{failure}");
-    let failure = worker.fail(Request::Open { model: Some("Canon EOS 5D Mark IIII".into()), port: None });
+    let failure = worker.fail(Request::Open { model: Some("Canon EOS 5D Mark IIII".into()), port: None, serial: None });
     assert!(failure.what.contains("no camera was found"), "{failure}");
 }

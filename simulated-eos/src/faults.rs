@@ -37,7 +37,7 @@ impl Moment {
 pub enum Fault {
     /// The operation is answered "device busy" (0x2019) and does nothing.
     Busy(Moment),
-    /// The operation is answered late. Beyond 2 s libgphoto2 gives up on a PTP/IP camera.
+    /// The operation is answered late. Beyond 2 s libgphoto2 gives up on a PTP/IP camera, beyond 20 s on one on USB.
     Slow(Moment, Duration),
     /// The operation is done, but answered only after [`Faults::release`].
     Silent(Moment),
@@ -46,7 +46,7 @@ pub enum Fault {
     Hang(Moment),
     /// The connection closes: in a transfer after half of the file, else after the operation and before its answer.
     LinkDrop(Moment),
-    /// The same as a link drop; then the body answers on another port.
+    /// The same as a link drop; then the body answers on another port, on USB as another device of the bus.
     ChangedPort(Moment),
     /// A setting is answered "OK" while the old value stays, and nothing is announced.
     IgnoredSetting,
@@ -60,6 +60,47 @@ pub enum Fault {
     CardFull,
     /// Half of the file is handed over as if it were all.
     TruncatedTransfer,
+    /// USB alone: the port cannot be opened, with this result of libgphoto2 (gphoto2-port-result.h).
+    UsbOpen(i32),
+    /// USB alone: writing the operation fails with this result, and it is not done.
+    UsbWrite(Moment, i32),
+    /// USB alone: the operation is done, but the first read of its answer fails with this result.
+    UsbRead(Moment, i32),
+    /// USB alone: the operation is done, but the endpoint of its answer is halted: reads fail (-34) until the host clears that.
+    UsbHalt(Moment),
+    /// USB alone: the operation's data end in the middle although their length promises more; what is too short to be cut stays whole.
+    UsbShortData(Moment),
+    /// USB alone: the response ends amid its header.
+    UsbShortResponse(Moment),
+    /// USB alone: the operation is done, but the read of its answer never returns, not even at its time-out.
+    UsbNoReturn(Moment),
+}
+
+impl Fault {
+    /// When a fault of the link strikes; none for the faults of the body itself, and those of USB alone.
+    pub(crate) fn link_moment(&self) -> Option<Moment> {
+        match *self {
+            Self::Slow(moment, _)
+            | Self::Silent(moment)
+            | Self::Hang(moment)
+            | Self::LinkDrop(moment)
+            | Self::ChangedPort(moment) => Some(moment),
+            _ => None,
+        }
+    }
+
+    /// When a fault strikes an operation over USB; none for the faults of the body itself.
+    pub(crate) fn usb_moment(&self) -> Option<Moment> {
+        match *self {
+            Self::UsbWrite(moment, _)
+            | Self::UsbRead(moment, _)
+            | Self::UsbHalt(moment)
+            | Self::UsbShortData(moment)
+            | Self::UsbShortResponse(moment)
+            | Self::UsbNoReturn(moment) => Some(moment),
+            _ => self.link_moment(),
+        }
+    }
 }
 
 /// Handle on the faults of a body; clones share them.

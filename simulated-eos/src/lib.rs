@@ -1,7 +1,8 @@
 //! A simulated Canon EOS 5D Mark II.
 //!
 //! [`Body`] is the camera without its cable: it takes PTP operations and answers them, keeps settings, card and events.
-//! [`Server`] puts it on a loopback port, where the stock libgphoto2 drives it as `ptpip:127.0.0.1:PORT:PORT`.
+//! [`Server`] puts it on a loopback port, where the stock libgphoto2 drives it as `ptpip:127.0.0.1:PORT:PORT`; [`UsbBus`] on a USB
+//! bus that the stock libgphoto2 finds with the driver in `iolib/`.
 //! What the picture shows is the caller's [`Sensor`]; how long an exposure lasts is the body's: a dial of 15 is 16 s.
 //! [`Faults`] makes it misbehave as real bodies do.
 //!
@@ -17,6 +18,7 @@ mod faults;
 mod pack;
 mod ptpip;
 mod sensor;
+mod usb;
 
 pub use body::{Body, BodyOptions, OpRequest, OpResponse, Release};
 pub use codes::{event, operation, property, response};
@@ -24,3 +26,4 @@ pub use dials::{Aperture, ImageFormat, Iso, Shutter};
 pub use faults::{Fault, Faults, Moment};
 pub use ptpip::Server;
 pub use sensor::{ExposureSettings, Picture, PictureKind, Sensor};
+pub use usb::UsbBus;

@@ -211,7 +211,7 @@ pub(super) fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gp
     };
     let program = camera_worker().context("this program's own path is not known")?;
     let home = rig.storage.data.join(CAMERA_HOME);
-    let worker = WorkerCommand { program, home };
+    let worker = WorkerCommand { program, home, environment: Vec::new() };
     Ok(Gphoto2Settings { worker, model: model.clone(), port: port.clone(), body: body.clone() })
 }
 

@@ -1,6 +1,9 @@
 //! The daemon's engine with its production drivers before simulated hardware.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, dead_code, reason = "each test file uses its part")]
 
+#[path = "../support/usb.rs"]
+mod usb;
+
 use rig_config::Rig;
 use rigd::devices::gphoto2::{Gphoto2Camera, Gphoto2Settings, KnownBody, WorkerCommand};
 use rigd::devices::rigproto::{RigprotoArm, RigprotoSettings};
@@ -18,11 +21,24 @@ use simulated_eos::{Body, BodyOptions, Faults, Server};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
+pub use usb::Usb;
 
 /// How many times faster than real everything passes, unless a test says otherwise.
 pub const SPEED: f64 = 40.0;
 /// Bound on every wait: only a hang meets it.
 const PATIENCE: Duration = Duration::from_secs(900);
+
+/// What the camera is connected by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cable {
+    PtpIp,
+    Usb,
+}
+
+enum Link {
+    PtpIp(Server),
+    Usb(Usb),
+}
 
 /// A rig, running.
 pub struct Rigged {
@@ -33,7 +49,7 @@ pub struct Rigged {
     pub arm: ArmFaults,
     pub camera: Faults,
     data: TempDir,
-    _server: Server,
+    link: Link,
 }
 
 impl Rigged {
@@ -42,10 +58,10 @@ impl Rigged {
         let mut truth = shipped();
         truth.simulation.as_mut().unwrap().speed = speed;
         let processing = Box::new(PipelineProcessing::new(&truth));
-        Self::new(truth, processing)
+        Self::new(truth, processing, Cable::PtpIp)
     }
 
-    pub fn new(truth: Rig, processing: Box<dyn Processing>) -> Self {
+    pub fn new(truth: Rig, processing: Box<dyn Processing>, cable: Cable) -> Self {
         let (data, pose) = (tempfile::tempdir().unwrap(), SharedPose::default());
         let simulation = truth.simulation.clone().unwrap();
         let simulated = SimulatedArm::spawn(ArmConfig::from_rig(&truth, pose.clone())).unwrap();
@@ -57,14 +73,9 @@ impl Rigged {
 
         let sensor = EosSensor::new(SimulatedCamera::new(&truth, &simulation, pose.clone(), CameraFaults::default()));
         let options = BodyOptions { speed: simulation.speed, ..BodyOptions::default() };
-        let server = Server::start(Body::new(Box::new(sensor), options).unwrap(), 0).unwrap();
-        let worker = WorkerCommand {
-            program: env!("CARGO_BIN_EXE_camera-worker").into(),
-            home: data.path().join("camera-home"),
-        };
-        let camera =
-            Gphoto2Settings { worker, model: None, port: Some(server.gphoto2_port()), body: KnownBody::default() };
-        let faults = server.faults();
+        let link = Link::new(Body::new(Box::new(sensor), options).unwrap(), cable);
+        let camera = link.settings(data.path().join("camera-home"));
+        let faults = link.faults();
         let parts = EngineParts {
             rig: truth.clone(),
             rig_text: String::new(),
@@ -79,7 +90,7 @@ impl Rigged {
             processing,
             speed: simulation.speed,
         };
-        Self { engine: start(parts).unwrap(), truth, pose, arm, camera: faults, data, _server: server }
+        Self { engine: start(parts).unwrap(), truth, pose, arm, camera: faults, data, link }
     }
 
     /// Starts a session and waits for its end.
@@ -100,6 +111,14 @@ impl Rigged {
         }
     }
 
+    /// The USB bus that the camera is on.
+    pub fn usb(&self) -> &Usb {
+        match &self.link {
+            Link::Usb(usb) => usb,
+            Link::PtpIp(_) => panic!("the camera is not on USB"),
+        }
+    }
+
     /// Pulls the arm's cable: its name goes with it, before the number of its PTY can be another session's.
     pub fn unplug_arm(&self) {
         std::fs::remove_file(self.data.path().join("arm")).unwrap();
@@ -116,6 +135,35 @@ impl Rigged {
         let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
         lines.filter(|line| line["type"] == kind).collect()
     }
+}
+
+impl Link {
+    fn new(body: Body, cable: Cable) -> Self {
+        match cable {
+            Cable::PtpIp => Self::PtpIp(Server::start(body, 0).unwrap()),
+            Cable::Usb => Self::Usb(Usb::new(vec![body])),
+        }
+    }
+
+    fn faults(&self) -> Faults {
+        match self {
+            Self::PtpIp(server) => server.faults(),
+            Self::Usb(usb) => usb.faults(),
+        }
+    }
+
+    fn settings(&self, home: PathBuf) -> Gphoto2Settings {
+        match self {
+            Self::PtpIp(server) => settings(home, Vec::new(), server.gphoto2_port()),
+            Self::Usb(usb) => settings(home, usb.environment(), usb.port()),
+        }
+    }
+}
+
+/// The production driver with this worker's home and environment, for the camera at a port.
+pub fn settings(home: PathBuf, environment: Vec<(String, String)>, port: String) -> Gphoto2Settings {
+    let worker = WorkerCommand { program: env!("CARGO_BIN_EXE_camera-worker").into(), home, environment };
+    Gphoto2Settings { worker, model: None, port: Some(port), body: KnownBody::default() }
 }
 
 /// The shipped simulated rig.

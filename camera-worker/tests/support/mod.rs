@@ -1,6 +1,8 @@
 //! A worker process as the daemon sees it, and a simulated camera whose files say how they were taken.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, dead_code, reason = "each test file uses its part")]
 
+pub mod usb;
+
 use camera_messages::frame;
 use camera_messages::labels::ImageFormat;
 use camera_messages::message::{
@@ -36,9 +38,13 @@ pub fn expected(frame: u32, shutter: &str, aperture: &str, iso: u32, kind: Pictu
     format!("frame {frame} shutter {shutter} aperture {aperture} iso {iso} {kind:?}\n").repeat(20_000)
 }
 
+pub fn body(options: BodyOptions) -> Body {
+    Body::new(Box::new(TextSensor(None)), options).unwrap()
+}
+
 /// A body on a free port.
 pub fn server(options: BodyOptions) -> Server {
-    Server::start(Body::new(Box::new(TextSensor(None)), options).unwrap(), 0).unwrap()
+    Server::start(body(options), 0).unwrap()
 }
 
 /// A shot at f/5.6 and ISO 100.
@@ -64,8 +70,14 @@ impl Drop for Worker {
 impl Worker {
     /// Starts one, without a word.
     pub fn start() -> Self {
+        Self::with(&[])
+    }
+
+    /// Starts one with these variables in its environment.
+    pub fn with(environment: &[(String, String)]) -> Self {
         let home = tempfile::tempdir().unwrap();
         let mut child = Command::new(env!("CARGO_BIN_EXE_camera-worker"))
+            .envs(environment.iter().map(|(name, value)| (name, value)))
             .env("HOME", home.path())
             .env("LANG", "C")
             .stdin(Stdio::piped())
@@ -100,7 +112,12 @@ impl Worker {
     }
 
     pub fn open(&mut self, server: &Server) -> Identity {
-        match self.ask(Request::Open { model: None, port: Some(server.gphoto2_port()) }).0 {
+        self.open_at(Some(server.gphoto2_port()))
+    }
+
+    /// Opens the camera at this port, or the only one found.
+    pub fn open_at(&mut self, port: Option<String>) -> Identity {
+        match self.ask(Request::Open { model: None, port, serial: None }).0 {
             Reply::Identity(identity) => *identity,
             other => panic!("{other:?}"),
         }

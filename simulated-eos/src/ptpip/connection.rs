@@ -3,7 +3,7 @@
 use super::packet::{Incoming, Outgoing, WireError};
 use super::server::Shared;
 use crate::body::{OpRequest, OpResponse};
-use crate::faults::{Fault, Moment};
+use crate::faults::Fault;
 use rustix::net::sockopt::set_tcp_quickack;
 use std::io::{self, Write};
 use std::net::TcpStream;
@@ -73,7 +73,7 @@ impl Connection<'_> {
             let request = &transaction.request;
             let releases = self.shared.faults.releases();
             let fault =
-                self.shared.faults.take(|fault| link_moment(fault).is_some_and(|moment| moment.covers(request)));
+                self.shared.faults.take(|fault| fault.link_moment().is_some_and(|moment| moment.covers(request)));
             if matches!(fault, Some(Fault::Hang(_))) {
                 self.wait_for_release(releases);
                 return Ok(());
@@ -170,17 +170,5 @@ impl Connection<'_> {
 
     fn send(&mut self, packet: &Outgoing<'_>) -> Result<(), WireError> {
         Ok(self.stream.write_all(&packet.bytes())?)
-    }
-}
-
-/// When a fault of the link strikes; none for the faults of the body itself.
-fn link_moment(fault: &Fault) -> Option<Moment> {
-    match *fault {
-        Fault::Slow(moment, _)
-        | Fault::Silent(moment)
-        | Fault::Hang(moment)
-        | Fault::LinkDrop(moment)
-        | Fault::ChangedPort(moment) => Some(moment),
-        _ => None,
     }
 }

@@ -59,8 +59,8 @@ impl KnownBody {
         Err(unusable(format!("the body with serial number {serial} answers instead of {known}: connect the right one")))
     }
 
-    fn is_known(&self) -> bool {
-        self.known().serial.is_some()
+    fn serial(&self) -> Option<String> {
+        self.known().serial.clone()
     }
 
     fn last_port(&self) -> Option<String> {
@@ -156,22 +156,17 @@ impl Camera for Gphoto2Camera {
     }
 }
 
-/// A worker with the camera open. Where the configured port is gone the body may have come back under another number.
+/// A worker with the camera open. On USB a body comes back under another number, and another body may have its former one: once it
+/// is known it is looked for by its serial number alone.
 fn connect(settings: &Gphoto2Settings) -> Result<(Worker, Identity), CameraError> {
-    let open = |port: Option<String>| {
-        let mut worker = Worker::start(&settings.worker)?;
-        let request = Request::Open { model: settings.model.clone(), port };
-        worker.call(request, &|| false).map(|(reply, _)| (worker, reply))
-    };
-    let first = open(settings.port.clone());
-    let on_usb = settings.port.as_ref().is_some_and(|port| port.starts_with("usb:"));
-    let opened = match first {
-        Err(_) if on_usb && settings.body.is_known() => open(None),
-        first => first,
-    };
-    match opened.map_err(camera_error)? {
-        (worker, Reply::Identity(identity)) => Ok((worker, *identity)),
-        (_, other) => Err(unexpected_reply(&other)),
+    let on_usb = settings.port.as_ref().is_none_or(|port| port.starts_with("usb:"));
+    let serial = settings.body.serial().filter(|_| on_usb);
+    let port = settings.port.clone().filter(|_| serial.is_none());
+    let mut worker = Worker::start(&settings.worker).map_err(camera_error)?;
+    let request = Request::Open { model: settings.model.clone(), port, serial };
+    match worker.call(request, &|| false).map_err(camera_error)? {
+        (Reply::Identity(identity), _) => Ok((worker, *identity)),
+        (other, _) => Err(unexpected_reply(&other)),
     }
 }
 

@@ -13,6 +13,10 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(50);
 /// How long a worker that was told to close may take to end.
 const END: Duration = Duration::from_secs(2);
+/// How long a worker that was killed may take to die.
+const DEATH: Duration = Duration::from_secs(1);
+/// How often one that is to end is looked at.
+const ENDING: Duration = Duration::from_millis(10);
 
 /// How the worker is started.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +25,8 @@ pub struct WorkerCommand {
     pub program: PathBuf,
     /// Directory for libgphoto2's settings: its HOME. Made if it is not there.
     pub home: PathBuf,
+    /// Variables of its environment besides: `IOLIBS` says where libgphoto2 looks for its port drivers.
+    pub environment: Vec<(String, String)>,
 }
 
 /// Why a call has no reply.
@@ -69,6 +75,7 @@ impl Worker {
         std::fs::create_dir_all(&command.home).map_err(failed)?;
         let home = command.home.canonicalize().map_err(failed)?;
         let mut child = Command::new(&command.program)
+            .envs(command.environment.iter().map(|(name, value)| (name, value)))
             .env("HOME", home)
             .env("LANG", "C")
             .stdin(Stdio::piped())
@@ -123,10 +130,22 @@ impl Worker {
         }
     }
 
+    /// Kills it and sees it dead. What hangs in the kernel dies only when the kernel lets go of it: it is left behind.
     fn kill(&mut self) {
         self.requests = None;
         let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.has_ended_within(DEATH);
+    }
+
+    fn has_ended_within(&mut self, time: Duration) -> bool {
+        let end = Instant::now() + time;
+        while matches!(self.child.try_wait(), Ok(None)) {
+            if Instant::now() >= end {
+                return false;
+            }
+            thread::sleep(ENDING);
+        }
+        true
     }
 }
 
@@ -134,13 +153,8 @@ impl Drop for Worker {
     /// It ends with its input; what hangs is killed.
     fn drop(&mut self) {
         self.requests = None;
-        let end = Instant::now() + END;
-        while Instant::now() < end {
-            if !matches!(self.child.try_wait(), Ok(None)) {
-                return;
-            }
-            thread::sleep(LOOK);
+        if !self.has_ended_within(END) {
+            self.kill();
         }
-        self.kill();
     }
 }
