@@ -37,9 +37,12 @@ fn a_free_port_is_well_and_a_missing_one_names_those_there_are() {
     let findings = port::look(&tree.host(), &missing);
     let error = only_error(&findings);
     assert_eq!((error.what.as_str(), error.place.as_str()), ("there is no such device", missing.to_str().unwrap()));
-    has(error.remedy.as_ref().unwrap(), &["arm.port", "/ttyUSB0"]);
+    has(error.remedy.as_ref().unwrap(), &["arm.port", "another number", "by-id", "/ttyUSB0"]);
     tree.link("dev/serial/by-id/usb-rigd_light_arm-if00", &tty);
     has(port::look(&tree.host(), &missing)[0].remedy.as_ref().unwrap(), &["by-id/usb-rigd_light_arm-if00"]);
+    let lasting = tree.host().dev.join("serial/by-id/usb-gone");
+    let remedy = port::look(&tree.host(), &lasting)[0].remedy.clone().unwrap();
+    assert!(!remedy.contains("another number"), "{remedy}");
 }
 
 #[test]

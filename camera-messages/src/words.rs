@@ -100,10 +100,10 @@ pub fn advice(number: i32) -> &'static str {
         }
         -52 | -5 => "it is not at this port: check cable, power and port",
         -105 => "libgphoto2 does not know this model: spell it as `gphoto2 --list-cameras` does",
-        -7 | -10 | -34 | -35 => "the connection failed: open it anew; if that fails, switch it off and on",
+        -7 | -10 | -34 | -35 => "the connection failed: check its cable, switch it off and on",
         -3 | -115 => "its card may be full: put in an empty one",
         -2 | -6 => "it does not take this",
-        _ => "open it anew; if that fails, switch it off and on",
+        _ => "switch it off and on",
     }
 }
 

@@ -154,7 +154,7 @@ impl CameraHandle {
     /// Shoots within twice the exposure and the grace time.
     pub fn shoot(&self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
         let deadline_s = 2.0 * shot.shutter.true_s + self.grace_s;
-        let ended = || CameraError::Unusable { reason: "its driver has ended: the camera is opened anew".into() };
+        let ended = || CameraError::Unusable { reason: "its driver has ended".into() };
         let (reply, answer) = sync_channel(1);
         let inbox = self.inbox.as_ref().ok_or_else(ended)?;
         inbox.try_send((shot.clone(), cancel.clone(), reply)).map_err(|error| match error {

@@ -5,6 +5,7 @@ pub mod gphoto2;
 pub mod grbl;
 pub mod inspect;
 mod motion;
+mod port_thread;
 pub mod replay;
 pub mod rigproto;
 pub mod serial;

@@ -7,15 +7,22 @@ use super::arm::ArmError;
 use serialport::{ErrorKind, TTYPort};
 use std::io::{self, Read, Write};
 use std::path::Path;
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// Longest time one read or write blocks.
 const TIMEOUT: Duration = Duration::from_millis(50);
+/// Bytes that one read takes at most.
+pub const CHUNK: usize = 2048;
+/// Least time between two reads: a line that babbles must not wake its thread for every byte.
+const GATHER: Duration = Duration::from_millis(5);
 
 /// An open port.
 pub struct SerialTransport {
     port: TTYPort,
     path: String,
+    /// When the next read may be.
+    next_read: Instant,
 }
 
 impl SerialTransport {
@@ -26,7 +33,7 @@ impl SerialTransport {
     pub fn open(path: &Path, baud: u32) -> Result<Self, ArmError> {
         let path = path.display().to_string();
         match serialport::new(&path, baud).timeout(TIMEOUT).open_native() {
-            Ok(port) => Ok(Self { port, path }),
+            Ok(port) => Ok(Self { port, path, next_read: Instant::now() }),
             Err(error) => Err(ArmError::Port { reason: open_advice(&error), port: path }),
         }
     }
@@ -47,16 +54,22 @@ impl SerialTransport {
     /// # Errors
     /// [`ArmError::Port`] once the port is gone.
     pub fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ArmError> {
+        thread::sleep(self.next_read.saturating_duration_since(Instant::now()));
         match self.port.read(buffer) {
             Ok(0) => Err(self.gone("end of file")),
-            Ok(count) => Ok(count),
+            Ok(count) => {
+                // More is waiting behind a full buffer.
+                let pause = if count < buffer.len() { GATHER } else { Duration::ZERO };
+                self.next_read = Instant::now() + pause;
+                Ok(count)
+            }
             Err(error) if passes(&error) => Ok(0),
             Err(error) => Err(self.gone(&error.to_string())),
         }
     }
 
     fn gone(&self, reason: &str) -> ArmError {
-        let reason = format!("the device went away ({reason}): check cable and power, then start again");
+        let reason = format!("the device went away ({reason}): check its cable and power");
         ArmError::Port { port: self.path.clone(), reason }
     }
 }

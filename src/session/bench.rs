@@ -42,9 +42,8 @@ impl Bench {
     pub fn open(&mut self) -> Result<(String, String), String> {
         self.reopen_camera().map_err(|e| e.to_string())?;
         self.unsafe_since_clean_up = true;
-        let arm = (self.open_arm)().map_err(|e| e.to_string())?;
-        let firmware = arm.identity().firmware;
-        self.arm = Some(arm);
+        self.open_arm().map_err(|e| e.to_string())?;
+        let firmware = self.arm.as_ref().map(|a| a.identity().firmware).unwrap_or_default();
         let camera = self.camera.as_ref().map(|c| c.identity().model.clone()).unwrap_or_default();
         Ok((firmware, camera))
     }
@@ -80,10 +79,10 @@ impl Bench {
         Ok(())
     }
 
-    /// Lamp off as far as the arm still listens, then a new connection, homed and with the lamp on.
-    pub fn reopen_arm(&mut self, cancel: &Cancel) -> Result<(), ArmError> {
+    /// A new connection to the arm.
+    pub fn open_arm(&mut self) -> Result<(), ArmError> {
         self.arm = Some((self.open_arm)()?);
-        self.prepare(cancel)
+        Ok(())
     }
 
     /// Lets go of an arm in trouble, with the lamp off if it still listens.
@@ -123,8 +122,9 @@ impl Bench {
         {
             self.arm = None;
             if let Err(second) = self.make_safe() {
+                let why = if first == second { first } else { format!("{first}; then {second}") };
                 faults.push(format!(
-                    "the lamp may be on and the arm is not parked ({first}; then {second}): switch the lamp's supply off"
+                    "the lamp may be on and the arm is not parked ({why}): switch the lamp's supply off"
                 ));
             }
         }

@@ -11,6 +11,7 @@ use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use rigd::pipeline::fit::{FitProgress, OnProgress};
+use rigd::session::bench::OpenArm;
 use rigd::session::calibration::file::{self, CalibrationFile};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
@@ -183,18 +184,27 @@ impl Fakes {
 
     /// An engine whose manifests hold this rig file.
     pub fn engine_of(&self, data: &Path, rig: Rig, rig_text: &str) -> Result<EngineHandle, EngineError> {
-        let store = Store::open_on(data, 1000, self.disk.clone()).unwrap();
-        let (arm, camera) = (self.clone(), self.clone());
-        start(EngineParts {
+        let arm = self.clone();
+        start(self.parts(data, rig, rig_text, Box::new(move || arm.open_arm()), 10_000.0))
+    }
+
+    /// An engine in real time whose arm is opened by `open_arm`.
+    pub fn engine_with_arm(&self, data: &Path, rig: Rig, open_arm: OpenArm) -> EngineHandle {
+        start(self.parts(data, rig, "name = \"fake rig\"", open_arm, 1.0)).unwrap()
+    }
+
+    fn parts(&self, data: &Path, rig: Rig, rig_text: &str, open_arm: OpenArm, speed: f64) -> EngineParts {
+        let camera = self.clone();
+        EngineParts {
             rig,
             rig_text: rig_text.into(),
-            store,
-            open_arm: Box::new(move || arm.open_arm()),
+            store: Store::open_on(data, 1000, self.disk.clone()).unwrap(),
+            open_arm,
             open_camera: Box::new(move || camera.open_camera()),
             remedies: Vec::new(),
             processing: Box::new(FakeProcessing(self.clone())),
-            speed: 10_000.0,
-        })
+            speed,
+        }
     }
 
     fn open_arm(&self) -> Result<Box<dyn Arm>, ArmError> {

@@ -93,7 +93,7 @@ impl Gphoto2Camera {
     }
 
     fn call(&mut self, request: Request, cancel: &Cancel) -> Result<(Reply, Vec<u8>), CameraError> {
-        let worker = self.worker.as_mut().ok_or_else(|| unusable("its worker has ended: it is opened anew".into()))?;
+        let worker = self.worker.as_mut().ok_or_else(|| unusable("its worker has ended".into()))?;
         let since = std::cell::Cell::new(None);
         let given_up = || {
             if cancel.is_cancelled() && since.get().is_none() {
@@ -188,5 +188,5 @@ fn unusable(reason: String) -> CameraError {
 }
 
 fn unexpected_reply(reply: &Reply) -> CameraError {
-    unusable(format!("its worker answered out of turn ({reply:?}): it is opened anew"))
+    unusable(format!("its worker answered out of turn ({reply:?})"))
 }

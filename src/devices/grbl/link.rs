@@ -1,62 +1,47 @@
-//! The thread that owns the port: one line in flight, and a status report whenever nobody asks, so that a restart or an alarm during an
-//! exposure is heard.
+//! Lines and reports on the port: one line in flight, believed only by its own `ok`.
 
 use super::advice;
 use super::said::{Report, Said};
 use crate::devices::Cancel;
 use crate::devices::arm::ArmError;
-use crate::devices::serial::SerialTransport;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread;
+use crate::devices::port_thread::{PortOwner, PortThread};
+use crate::devices::serial::{CHUNK, SerialTransport};
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// Longest wait for a report or for the answer to a short line. The slowest report seen on a busy host took 0.17 s.
 pub const ANSWER_TIME: Duration = Duration::from_millis(500);
 /// How often a report is asked for before the controller counts as silent.
 const TRIES: u32 = 3;
-/// Longest wait for the banner after the port was opened: opening resets many boards, whose boot loader takes a second.
-const BOOT_TIME: Duration = Duration::from_secs(3);
+/// Wait for the banner after the port was opened, before a reset is sent: opening resets many boards, whose boot loader takes a second.
+/// A slower one is heard after the reset, up to 7 s after the opening.
+const BOOT_TIME: Duration = Duration::from_millis(1250);
 /// Longest wait for the banner after a reset was sent.
 const RESET_TIME: Duration = Duration::from_secs(2);
 /// What follows a banner or a bare line end comes within this time.
 const REST: Duration = Duration::from_millis(150);
-/// Silence after which the thread asks for a report by itself: grbl's manual advises at most five a second.
-const FEED_PERIOD: Duration = Duration::from_millis(250);
 /// Longest line taken in; the rest is noise.
 const MAX_LINE: usize = 256;
-/// Longest wait for the thread to reset the controller and close the port.
-const END_LIMIT: Duration = Duration::from_secs(3);
-/// The line that a bracket of jobs may add to a job's own limit: one feed with all its tries.
-const QUEUE_LIMIT: Duration = Duration::from_secs(3);
+/// Most lines kept of an answer: grblHAL lists a few hundred settings; the rest is noise.
+const MAX_LINES: usize = 1000;
+/// Time beyond a job's own limit: a feed that ends in a reset, and the report before each of a line's two tries.
+const QUEUE_LIMIT: Duration = Duration::from_secs(10);
 
 const RESET: u8 = 0x18;
 const JOG_CANCEL: u8 = 0x85;
 
-type Job = Box<dyn FnOnce(&mut Owner) + Send>;
-
-/// Handle on the thread. Dropping it resets the controller, which stops the motor and switches the lamp off, and closes the port.
-pub struct Link {
-    inbox: Option<SyncSender<Job>>,
-    ended: Receiver<()>,
-}
+/// Handle on the port's thread. Dropping it resets the controller, which stops the motor and switches the lamp off, and closes the port.
+pub struct Link(PortThread<Owner>);
 
 impl Link {
-    /// Waits for the controller's banner and gives the port to a thread; says who it is.
+    /// Waits until the controller is awake and gives the port to a thread; says who it is.
     ///
     /// # Errors
     /// [`ArmError::NoAnswer`] when no GRBL answers, [`ArmError::Port`] when the port goes away.
     pub fn open(transport: SerialTransport) -> Result<(Self, String), ArmError> {
         let mut owner = Owner::new(transport);
         let banner = owner.wake()?;
-        let (inbox, jobs) = sync_channel(1);
-        let (end, ended) = sync_channel::<()>(1);
-        let run = move || {
-            owner.run(&jobs);
-            drop(owner);
-            drop(end);
-        };
-        thread::Builder::new().name("arm".into()).spawn(run).map_err(|_| ArmError::Gone)?;
-        Ok((Self { inbox: Some(inbox), ended }, banner))
+        Ok((Self(PortThread::spawn(owner)?), banner))
     }
 
     /// Runs `work` on the thread that owns the port; `limit` is the longest it may take.
@@ -65,22 +50,7 @@ impl Link {
         limit: Duration,
         work: impl FnOnce(&mut Owner) -> Result<T, ArmError> + Send + 'static,
     ) -> Result<T, ArmError> {
-        let inbox = self.inbox.as_ref().ok_or(ArmError::Gone)?;
-        let (reply, answer) = sync_channel(1);
-        let job = move |owner: &mut Owner| {
-            let result = owner.unheard.take().map_or_else(|| work(owner), Err);
-            let _ = reply.send(result);
-        };
-        // Full means that the thread still hangs in a call that was given up.
-        inbox.try_send(Box::new(job)).map_err(|_| ArmError::Gone)?;
-        answer.recv_timeout(limit + QUEUE_LIMIT).unwrap_or(Err(ArmError::Gone))
-    }
-}
-
-impl Drop for Link {
-    fn drop(&mut self) {
-        self.inbox = None;
-        let _ = self.ended.recv_timeout(END_LIMIT);
+        self.0.with(limit + QUEUE_LIMIT, work)
     }
 }
 
@@ -88,48 +58,44 @@ impl Drop for Link {
 pub struct Owner {
     /// The port, or why it is gone.
     transport: Result<SerialTransport, ArmError>,
+    /// Read, not yet taken apart.
+    heard: VecDeque<u8>,
     line: Vec<u8>,
     /// Homed since the last reset, alarm or restart: GRBL itself does not say.
     pub homed: bool,
     /// Banners that nobody asked for.
     pub restarts: u32,
-    /// What went wrong while nobody asked: the next one who asks must hear it.
-    unheard: Option<ArmError>,
+}
+
+impl PortOwner for Owner {
+    fn feed(&mut self) -> Result<(), ArmError> {
+        self.report().map(|_| ())
+    }
+
+    fn make_safe(&mut self) {
+        // A reset stops the motor and switches spindle and coolant off, whatever the controller was doing.
+        let _ = self.send(&[RESET]);
+    }
 }
 
 impl Owner {
     fn new(transport: SerialTransport) -> Self {
-        Self { transport: Ok(transport), line: Vec::new(), homed: false, restarts: 0, unheard: None }
-    }
-
-    fn run(&mut self, jobs: &Receiver<Job>) {
-        loop {
-            match jobs.recv_timeout(FEED_PERIOD) {
-                Ok(job) => job(self),
-                Err(RecvTimeoutError::Timeout) => self.feed(),
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-        }
-        // On every way out: a reset stops the motor and switches spindle and coolant off, whatever the controller was doing.
-        let _ = self.send(&[RESET]);
-    }
-
-    fn feed(&mut self) {
-        if self.unheard.is_none()
-            && let Err(error) = self.report()
-            && !matches!(error, ArmError::Port { .. } | ArmError::NoAnswer { .. })
-        {
-            self.unheard = Some(error);
-        }
+        Self { transport: Ok(transport), heard: VecDeque::new(), line: Vec::new(), homed: false, restarts: 0 }
     }
 
     /// The banner that an opened port brings, or that a reset brings.
     fn wake(&mut self) -> Result<String, ArmError> {
+        // A controller that the opening did not reset answers, and is reset at once.
+        self.send(b"?")?;
         let end = Instant::now() + BOOT_TIME;
         while let Some(said) = self.hear(end)? {
-            if let Said::Banner(banner) = said {
-                self.rest()?;
-                return Ok(banner);
+            match said {
+                Said::Banner(banner) => {
+                    self.rest()?;
+                    return Ok(banner);
+                }
+                Said::Report(_) => break,
+                _ => {}
             }
         }
         self.reset()
@@ -154,7 +120,7 @@ impl Owner {
     }
 
     /// Sends a line until it is taken, within `limit`; returns what was said before the `ok`. A line that noise damaged is sent once
-    /// more: every line this driver sends may be carried out twice.
+    /// more, and so is a short one whose `ok` does not come: every line this driver sends may be carried out twice.
     pub fn line(
         &mut self,
         what: &'static str,
@@ -162,14 +128,22 @@ impl Owner {
         limit: Duration,
         cancel: &Cancel,
     ) -> Result<Vec<String>, ArmError> {
-        match self.once(what, text, limit, cancel)? {
-            Ok(said) => return Ok(said),
-            Err(code) if !advice::garbled(code) => return Err(advice::error(what, code)),
-            Err(_) => {}
+        let mut first = true;
+        loop {
+            let (trouble, again) = match self.once(what, text, limit, cancel) {
+                Ok(Ok(said)) => return Ok(said),
+                Ok(Err(code)) if advice::garbled(code) => (advice::error(what, code), true),
+                Ok(Err(code)) => return Err(advice::error(what, code)),
+                Err(silence @ ArmError::NoAnswer { .. }) => (silence, limit <= ANSWER_TIME),
+                Err(other) => return Err(other),
+            };
+            // Half a line may lie in its buffer.
+            self.send(b"\n")?;
+            self.rest()?;
+            if !(again && std::mem::take(&mut first)) {
+                return Err(trouble);
+            }
         }
-        self.send(b"\n")?;
-        self.rest()?;
-        self.once(what, text, limit, cancel)?.map_err(|code| advice::error(what, code))
     }
 
     /// One try: what was said before the `ok`, or the number of the error.
@@ -180,6 +154,8 @@ impl Owner {
         limit: Duration,
         cancel: &Cancel,
     ) -> Result<Result<Vec<String>, u8>, ArmError> {
+        // Whatever was said before this report answers earlier lines: a doubled `ok` must not be taken for this one's.
+        self.report()?;
         self.send(format!("{text}\n").as_bytes())?;
         let started = Instant::now();
         let mut said = Vec::new();
@@ -192,15 +168,10 @@ impl Owner {
             match self.hear_sound(what, end)? {
                 Some(Said::Ok) => return Ok(Ok(said)),
                 Some(Said::Error(code)) => return Ok(Err(code)),
-                Some(Said::Other(line)) => said.push(line),
+                Some(Said::Other(line)) if said.len() < MAX_LINES => said.push(line),
                 Some(_) => {}
                 None if started.elapsed() < limit => {}
-                None => {
-                    // Half a line may lie in its buffer.
-                    self.send(b"\n")?;
-                    self.rest()?;
-                    return Err(ArmError::NoAnswer { what, waited_s: started.elapsed().as_secs_f64() });
-                }
+                None => return Err(ArmError::NoAnswer { what, waited_s: started.elapsed().as_secs_f64() }),
             }
         }
     }
@@ -208,11 +179,15 @@ impl Owner {
     /// The status report, asked for anew when it is lost.
     pub fn report(&mut self) -> Result<Report, ArmError> {
         let started = Instant::now();
-        for _ in 0..TRIES {
+        for attempt in 0..TRIES {
             self.send(b"?")?;
             let end = Instant::now() + ANSWER_TIME;
             while let Some(said) = self.hear_sound("a status request", end)? {
                 if let Said::Report(report) = said {
+                    if attempt > 0 {
+                        // A late answer to the first must not be the next one's.
+                        self.rest()?;
+                    }
                     return Ok(report);
                 }
             }
@@ -251,27 +226,38 @@ impl Owner {
 
     /// The next line before `end`.
     fn hear(&mut self, end: Instant) -> Result<Option<Said>, ArmError> {
-        let transport = self.transport.as_mut().map_err(|gone| gone.clone())?;
-        let mut byte = [0];
-        while Instant::now() < end {
-            match transport.read(&mut byte) {
-                Ok(0) => {}
-                Ok(_) if byte[0] == b'\n' => {
-                    let line = std::mem::take(&mut self.line);
-                    if !line.trim_ascii().is_empty() {
-                        return Ok(Some(Said::of(&String::from_utf8_lossy(&line))));
-                    }
-                }
-                Ok(_) => {
-                    if self.line.len() >= MAX_LINE {
-                        self.line.clear();
-                    }
-                    self.line.push(byte[0]);
-                }
+        let mut chunk = [0; CHUNK];
+        loop {
+            if let Some(said) = self.next_line() {
+                return Ok(Some(said));
+            }
+            if Instant::now() >= end {
+                return Ok(None);
+            }
+            let transport = self.transport.as_mut().map_err(|gone| gone.clone())?;
+            match transport.read(&mut chunk) {
+                Ok(count) => self.heard.extend(chunk.iter().take(count)),
                 Err(gone) => return Err(self.lose(gone)),
             }
         }
-        Ok(None)
+    }
+
+    /// The first line of what was read.
+    fn next_line(&mut self) -> Option<Said> {
+        while let Some(byte) = self.heard.pop_front() {
+            if byte == b'\n' {
+                let line = std::mem::take(&mut self.line);
+                if !line.trim_ascii().is_empty() {
+                    return Some(Said::of(&String::from_utf8_lossy(&line)));
+                }
+            } else {
+                if self.line.len() >= MAX_LINE {
+                    self.line.clear();
+                }
+                self.line.push(byte);
+            }
+        }
+        None
     }
 
     /// Takes in and forgets what is on its way.

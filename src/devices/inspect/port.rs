@@ -12,7 +12,11 @@ pub fn look(host: &Host, port: &Path) -> Vec<Finding> {
     let metadata = match fs::metadata(port) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            let remedy = format!("check the arm's cable and power, and arm.port in the rig file; {}", others(host));
+            let remedy = format!(
+                "check the arm's cable and power, and arm.port in the rig file{}; {}",
+                number(port),
+                others(host)
+            );
             return vec![Finding::error(place, "there is no such device", remedy)];
         }
         Err(error) => return vec![Finding::error(place, error.to_string(), "check arm.port in the rig file")],
@@ -37,6 +41,15 @@ pub fn look(host: &Host, port: &Path) -> Vec<Finding> {
         findings.push(Finding::ok(place, format!("is there and may be used; {}", held.none_in_words())));
     }
     findings
+}
+
+/// The advice for a port that is named by a plain number.
+fn number(port: &Path) -> &'static str {
+    if port.file_name().and_then(|name| name.to_str()).is_some_and(is_usb_name) {
+        ": a port plugged in again may get another number, so name it as under /dev/serial/by-id"
+    } else {
+        ""
+    }
 }
 
 /// Ports of this kind are those that other programs look for.

@@ -1,12 +1,10 @@
-//! The thread that owns the port: one request on the line at a time, and a status request whenever nobody asks,
-//! so that the device's dead-man stays fed through an exposure of any length.
+//! Requests and answers on the port: one request on the line at a time, sent again until its answer comes.
 
 use super::words;
 use crate::devices::arm::ArmError;
-use crate::devices::serial::SerialTransport;
+use crate::devices::port_thread::{PortOwner, PortThread};
+use crate::devices::serial::{CHUNK, SerialTransport};
 use firmware_protocol::{Answer, Decoder, ErrorCode, Frame, Hello, HelloAck, Request, VERSION};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread;
 use std::time::{Duration, Instant};
 
 /// Longest wait for an answer before the frame is sent again.
@@ -15,23 +13,11 @@ const ANSWER_TIME: Duration = Duration::from_millis(250);
 const TRIES: u32 = 3;
 /// How often `Hello` is sent: a board that a port's opening resets is deaf for more than a second.
 const HELLO_TRIES: u32 = 12;
-/// Silence after which the thread asks for a status by itself.
-const FEED_PERIOD: Duration = Duration::from_millis(250);
 /// Longest wait for the thread: one feed and one request, both with all their tries, and a margin.
 const ASK_LIMIT: Duration = Duration::from_secs(9);
-/// Longest wait for the thread to stop the motor, switch the lamp off and close the port.
-const END_LIMIT: Duration = Duration::from_secs(3);
 
-struct Job {
-    request: Request,
-    reply: SyncSender<Result<Answer, ArmError>>,
-}
-
-/// Handle on the thread. Dropping it stops the motor, switches the lamp off and closes the port.
-pub struct Link {
-    inbox: Option<SyncSender<Job>>,
-    ended: Receiver<()>,
-}
+/// Handle on the port's thread. Dropping it stops the motor, switches the lamp off and closes the port.
+pub struct Link(PortThread<Owner>);
 
 impl Link {
     /// Shakes hands over `transport` and gives it to a thread.
@@ -39,33 +25,12 @@ impl Link {
         let mut owner = Owner::new(transport);
         let ack = owner.hello()?;
         owner.boot_nonce = ack.boot_nonce;
-        let (inbox, jobs) = sync_channel(1);
-        let (end, ended) = sync_channel::<()>(1);
-        let run = move || {
-            owner.run(&jobs);
-            drop(owner);
-            drop(end);
-        };
-        match thread::Builder::new().name("arm".into()).spawn(run) {
-            Ok(_) => Ok((Self { inbox: Some(inbox), ended }, ack)),
-            Err(_) => Err(ArmError::Gone),
-        }
+        Ok((Self(PortThread::spawn(owner)?), ack))
     }
 
     /// One request and its answer; a device error becomes [`ArmError::Refused`]. Returns within nine seconds, whatever happens.
     pub fn ask(&self, request: Request) -> Result<Answer, ArmError> {
-        let inbox = self.inbox.as_ref().ok_or(ArmError::Gone)?;
-        let (reply, answer) = sync_channel(1);
-        // Full means that the thread still hangs in a call that was given up.
-        inbox.try_send(Job { request, reply }).map_err(|_| ArmError::Gone)?;
-        answer.recv_timeout(ASK_LIMIT).unwrap_or(Err(ArmError::Gone))
-    }
-}
-
-impl Drop for Link {
-    fn drop(&mut self) {
-        self.inbox = None;
-        let _ = self.ended.recv_timeout(END_LIMIT);
+        self.0.with(ASK_LIMIT, move |owner| owner.serve(request))
     }
 }
 
@@ -76,8 +41,18 @@ struct Owner {
     session: u32,
     seq: u16,
     boot_nonce: u32,
-    /// What went wrong while nobody asked: the next one who asks must hear it.
-    unheard: Option<ArmError>,
+}
+
+impl PortOwner for Owner {
+    fn feed(&mut self) -> Result<(), ArmError> {
+        self.serve(Request::Status).map(|_| ())
+    }
+
+    fn make_safe(&mut self) {
+        // Should both be lost, the dead-man does the same.
+        let _ = self.exchange(Request::Stop, TRIES);
+        let _ = self.exchange(Request::SetLamp { level_permille: 0, ttl_ms: 0 }, TRIES);
+    }
 }
 
 impl Owner {
@@ -89,30 +64,6 @@ impl Owner {
             session: rand::random::<u32>().max(1),
             seq: rand::random(),
             boot_nonce: 0,
-            unheard: None,
-        }
-    }
-
-    fn run(&mut self, jobs: &Receiver<Job>) {
-        loop {
-            match jobs.recv_timeout(FEED_PERIOD) {
-                Ok(job) => {
-                    let result = self.unheard.take().map_or_else(|| self.serve(job.request), Err);
-                    let _ = job.reply.send(result);
-                }
-                Err(RecvTimeoutError::Timeout) => self.feed(),
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
-        }
-        // On every way out; should both be lost, the dead-man does the same.
-        let _ = self.exchange(Request::Stop, TRIES);
-        let _ = self.exchange(Request::SetLamp { level_permille: 0, ttl_ms: 0 }, TRIES);
-    }
-
-    fn feed(&mut self) {
-        // A silent device is found again by the next request; a lost port stays lost. Only these would be forgotten.
-        if let Err(error @ (ArmError::Rebooted { .. } | ArmError::Refused { .. })) = self.serve(Request::Status) {
-            self.unheard = Some(error);
         }
     }
 
@@ -172,7 +123,7 @@ impl Owner {
         let transport = self.transport.as_mut().map_err(|gone| gone.clone())?;
         transport.write(frame.to_wire().as_slice())?;
         let sent = Instant::now();
-        let mut buffer = [0; 256];
+        let mut buffer = [0; CHUNK];
         while sent.elapsed() < ANSWER_TIME {
             let count = transport.read(&mut buffer)?;
             let mut answer = None;

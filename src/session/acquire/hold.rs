@@ -9,8 +9,11 @@ use crate::store::StoreError;
 use serde_json::json;
 use std::time::{Duration, Instant};
 
-/// Recoveries of the arm a session may need, with the wait before each, seconds.
-const RECOVERY_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
+/// Recoveries of the arm a session may need.
+const RECOVERIES: usize = 3;
+/// Longest absence of the arm in each, seconds, and the time between two looks for it.
+const OUTAGE_S: f64 = 26.0;
+const LOOK_S: f64 = 0.25;
 /// A wait without an end of its own is renewed this often.
 pub(super) const LONG: Duration = Duration::from_secs(3600);
 
@@ -38,29 +41,42 @@ impl Acquisition<'_> {
         self.safe_point().map(|_| ())
     }
 
-    /// Opens the arm anew, as often as a session may; the caller shoots the station again.
+    /// Opens, homes and lights the arm anew, as often as a session may; the caller shoots the station again.
     pub(super) fn recover(&mut self, mut reason: String) -> Result<(), Ended> {
         loop {
             let fields = json!({"device": "arm", "reason": reason, "recovery": self.recoveries + 1});
             self.book.note(self.id, "fault.raised", fields);
-            let Some(&wait_s) = RECOVERY_WAIT_S.get(self.recoveries) else {
+            if self.recoveries == RECOVERIES {
                 return Err(Ended::Interrupted(format!("the arm failed {} times: {reason}", self.recoveries + 1)));
-            };
+            }
             self.recoveries += 1;
             self.bench.drop_arm();
-            self.rest(wait_s)?;
-            match self.bench.reopen_arm(&self.book.cancel) {
-                Ok(()) => break,
-                Err(error) => match self.arm_trouble(&error) {
-                    Trouble::Arm(again) | Trouble::Frame(again) => reason = again,
-                    Trouble::End(ended) => return Err(ended),
-                },
+            self.find_arm()?;
+            let Err(error) = self.bench.prepare(&self.book.cancel) else { break };
+            match self.arm_trouble(&error) {
+                Trouble::Arm(again) | Trouble::Frame(again) => reason = again,
+                Trouble::End(ended) => return Err(ended),
             }
         }
         self.rest(self.rig.lamp.soak_s)?;
         self.last = None;
         self.book.note(self.id, "fault.cleared", json!({"device": "arm"}));
         Ok(())
+    }
+
+    /// Tries to open the arm every quarter second: it is found soon after it is plugged in again.
+    fn find_arm(&mut self) -> Result<(), Ended> {
+        let since = Instant::now();
+        loop {
+            let Err(error) = self.bench.open_arm() else { return Ok(()) };
+            match self.arm_trouble(&error) {
+                Trouble::End(ended) => return Err(ended),
+                _ if since.elapsed().as_secs_f64() * self.speed >= OUTAGE_S => {
+                    return Err(Ended::Interrupted(format!("the arm did not come back within {OUTAGE_S} s: {error}")));
+                }
+                _ => self.rest(LOOK_S)?,
+            }
+        }
     }
 
     /// Between two frames: here a session pauses and ends. True when it was held up.

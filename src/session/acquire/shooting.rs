@@ -81,7 +81,7 @@ impl Acquisition<'_> {
             self.rest(*wait_s)?;
             match self.bench.reopen_camera() {
                 Ok(()) => return Ok(told),
-                Err(again) => told = format!("{reason}; opening it again: {again}"),
+                Err(again) => told = format!("{reason}; opened anew: {again}"),
             }
         }
     }

@@ -168,7 +168,7 @@ impl Machine {
                 b'!' => self.hold(),
                 b'~' => self.held = false,
                 0x85 => self.end_jog(),
-                0x91 => self.overrides[0] += 10,
+                0x91 => self.overrides[0] = (self.overrides[0] + 10).min(200),
                 0xa0 => self.flood = !self.flood,
                 0x80..=0xff => {}
                 _ if self.ring.len() < RING => self.ring.push_back(*byte),
