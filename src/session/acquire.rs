@@ -1,6 +1,7 @@
 //! One acquisition: stations, brackets, frames; `hold` has what interrupts them, `guided` the steps of a calibration. A frame counts
 //! once it is shot, verified, on disk and journalled, in this order.
 
+mod burst;
 mod guided;
 mod hold;
 mod shooting;
@@ -79,6 +80,10 @@ pub struct Acquisition<'a> {
     rung: usize,
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
+    /// When the arm last reported that it stands.
+    rested: Instant,
+    /// Time between two frames of a burst, seconds; known after the first.
+    period_s: f64,
     start: Instant,
     held: Duration,
 }
@@ -110,6 +115,8 @@ impl<'a> Acquisition<'a> {
             last: None,
             rung: 0,
             to_doubt: None,
+            rested: Instant::now(),
+            period_s: 0.0,
             start: Instant::now(),
             held: Duration::ZERO,
         })
@@ -197,12 +204,25 @@ impl<'a> Acquisition<'a> {
     fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {
         self.safe_point()?;
         let angle_deg = self.work.angle_deg(station);
+        if let Some(approach) = self.work.approach(station) {
+            return self.burst(station, angle_deg, approach);
+        }
+        self.move_to(station, angle_deg)?;
+        self.rest(self.rig.arm.settle_s)?;
+        self.shoot_bracket(station, angle_deg)
+    }
+
+    /// Turns the arm; it has reported rest when this returns.
+    fn move_to(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
         let cancel = self.book.cancel.clone();
         let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
+        self.rested = Instant::now();
         let status = moved.map_err(|e| self.arm_trouble(&e))?;
         let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
-        self.record("arm.moved", fields)?;
-        self.rest(self.rig.arm.settle_s)?;
+        Ok(self.record("arm.moved", fields)?)
+    }
+
+    fn shoot_bracket(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
         self.bracket += 1;
         for exposure in 0..self.work.exposures(station).len() {
             if self.safe_point()? {
@@ -223,9 +243,9 @@ impl<'a> Acquisition<'a> {
             let attempt = *attempt;
             let shot = self.shot(station, exposure)?;
             match self.shoot(&shot)? {
-                Taken::Good(frame, fingerprint) => {
+                Taken::Good(frame, fingerprint, since_rest_s) => {
                     let stood_deg = self.check_light(angle_deg)?;
-                    match self.commit(&shot, attempt, stood_deg, &frame, &fingerprint) {
+                    match self.commit(&shot, attempt, (stood_deg, since_rest_s), &frame, &fingerprint) {
                         Ok(()) => return Ok(self.doubt_optics(&frame)?),
                         Err(error @ StoreError::NoSpace { .. }) => {
                             self.suspend(&error, frame.bytes.len() as u64)?;
@@ -270,7 +290,7 @@ impl<'a> Acquisition<'a> {
         &mut self,
         shot: &Shot,
         attempt: usize,
-        angle_deg: f64,
+        (angle_deg, since_rest_s): (f64, [f64; 2]),
         frame: &RawFrame,
         fingerprint: &Fingerprint,
     ) -> Result<(), StoreError> {
@@ -280,7 +300,7 @@ impl<'a> Acquisition<'a> {
             "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket, "angle_deg": angle_deg,
             "file": file, "bytes": frame.bytes.len(), "blake3": fingerprint.blake3,
             "shutter": shot.shutter.label, "true_s": shot.shutter.true_s,
-            "taken": fingerprint.taken, "camera_file": frame.name,
+            "since_rest_s": since_rest_s, "taken": fingerprint.taken, "camera_file": frame.name,
         });
         self.book.record(self.id, "frame.committed", fields).inspect_err(|_| {
             // Not acknowledged, so not kept; what cannot be removed now is removed at the next start.
