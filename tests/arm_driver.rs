@@ -29,6 +29,7 @@ impl Bench {
             acceleration_deg_s2: 100.0,
             travel_deg: TRAVEL_DEG,
             speed,
+            ringing: None,
             pose: pose.clone(),
         };
         Self { simulated: SimulatedArm::spawn(config).unwrap(), pose }

@@ -297,7 +297,7 @@ fn a_rig_file_that_allows_no_calibration_is_told_why() {
     let calibration = poor.calibration.as_mut().unwrap();
     calibration.exposures.truncate(2);
     calibration.stations_deg = vec![110.0, 150.0];
-    let reasons = refusal(poor, CalibrationRequest { name: Some("a\nb".into()) });
+    let reasons = refusal(poor, CalibrationRequest { name: Some("a\nb".into()), ..CalibrationRequest::default() });
     for expected in ["control character", "at least 3", "none stands within 70 degrees"] {
         assert!(reasons.iter().any(|reason| reason.contains(expected)), "{expected}: {reasons:?}");
     }

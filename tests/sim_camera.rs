@@ -18,7 +18,7 @@ use rigd::sim::pose::{Pose, SharedPose};
 use rigd::sim::world::World;
 
 const SIMULATION: Simulation =
-    Simulation { scene: rig_config::Scene::Marble, seed: 2008, speed: f64::INFINITY, hidden: false };
+    Simulation { scene: rig_config::Scene::Marble, seed: 2008, speed: f64::INFINITY, hidden: false, ringing: false };
 
 /// The simulated rig: a 30 mm sphere, 66 pixels in radius.
 fn rig() -> Rig {

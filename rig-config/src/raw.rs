@@ -370,4 +370,8 @@ pub(crate) struct RawSimulation {
     /// to find. Left out: it states them exactly.
     #[serde(default)]
     pub hidden: bool,
+    /// Whether the arm swings after a move, by amplitude, frequency and decay drawn from the seed, for `rigd calibrate settle` to find.
+    /// Left out: it stands at once.
+    #[serde(default)]
+    pub ringing: bool,
 }

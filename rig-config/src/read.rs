@@ -188,6 +188,7 @@ impl RawRig {
                 seed: s.seed,
                 speed: s.speed,
                 hidden: s.hidden,
+                ringing: s.ringing,
             }),
         })
     }

@@ -269,4 +269,6 @@ pub struct Simulation {
     pub speed: f64,
     /// True if the rig file states camera, lamp and object only roughly: the truth is drawn from the seed about it.
     pub hidden: bool,
+    /// True if the arm swings after a move; how is drawn from the seed.
+    pub ringing: bool,
 }

@@ -15,7 +15,8 @@ use utoipa::ToSchema;
 /// Start a calibration
 ///
 /// Board, card and balls, exposures and stations come from `[calibration]` of the rig file. The answer comes before anything moves; follow
-/// the run at its Location: in state `awaiting` do what `instruction` says, then POST to `shoot`.
+/// the run at its Location: in state `awaiting` do what `instruction` says, then POST to `shoot`. A run of kind `settle` asks for nothing: the
+/// arm makes the largest step of `[plan]` and a short one, and bursts of frames show how long it swings.
 #[utoipa::path(post, path = "/v1/calibrations", tag = "calibrations", request_body = CalibrationRequest, responses(
     (status = 202, body = CalibrationSnapshot, description = "Accepted.",
         headers(("Location" = String, description = "Path of the calibration."))),
@@ -23,7 +24,7 @@ use utoipa::ToSchema;
     (status = 409, description = "A session or another calibration holds the rig; `running` names it."),
     (status = 413, description = "The body is too large."),
     (status = 415, description = "The body is not sent as application/json."),
-    (status = 422, description = "The request is refused, or the rig file has no usable `[calibration]`; `reasons` lists why."),
+    (status = 422, description = "The request is refused, or the rig file has no usable `[calibration]` (kind `rig`); `reasons` lists why."),
     (status = 507, description = "Not enough disk space."),
 ))]
 pub(super) async fn start(
@@ -67,7 +68,8 @@ pub(super) async fn show(
 
 /// What a calibration measured
 ///
-/// `calibration.json`: camera, response and lights with their uncertainties, date, frames and number.
+/// `calibration.json`: camera, response and lights with their uncertainties, date, frames and number. Of kind `settle`, `settle.json`: settle
+/// time, what `arm.settle_s` should be, and every frame's difference from the last ones.
 #[utoipa::path(get, path = "/v1/calibrations/{id}/result", tag = "calibrations", params(("id" = String, Path, description = "Calibration id.")),
     responses(
         (status = 200, body = Object, description = "The calibration."),

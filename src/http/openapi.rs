@@ -27,7 +27,7 @@ use utoipa_axum::routes;
     tags(
         (name = "sessions", description = "One acquisition each, from the first light station to the fitted material."),
         (name = "results", description = "Frames, material and result files of a session."),
-        (name = "calibrations", description = "Camera, response and lights, measured step by step with board, card and balls."),
+        (name = "calibrations", description = "Camera, response and lights, measured step by step with board, card and balls; and the settle time of the arm."),
         (name = "rig", description = "The rig itself."),
         (name = "health", description = "For supervisors and monitoring."),
     )
@@ -103,6 +103,7 @@ fn bound(request: Option<&mut RefOr<Schema>>, rig: &Rig) {
                     label.enum_values = Some(Shutter::labels().map(Into::into).collect());
                 })
             }
+            ("exposure", RefOr::T(Schema::Object(label))) => label.enum_values = names(Shutter::labels().collect()),
             ("materials", RefOr::T(Schema::Object(count))) => {
                 (count.minimum, count.maximum) = (Some(1.into()), Some(MAX_MATERIALS.into()));
             }

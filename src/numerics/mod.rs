@@ -5,4 +5,5 @@ pub mod fit;
 pub mod geometry;
 pub mod image;
 pub mod radiometry;
+pub mod settle;
 pub mod simd;

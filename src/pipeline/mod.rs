@@ -14,3 +14,4 @@ pub mod preview;
 pub mod raw;
 pub mod relight;
 pub mod report;
+pub mod settle;

@@ -2,6 +2,7 @@
 //! where the time goes, `guided` the steps of a calibration. A frame counts
 //! once it is shot, verified, on disk and journalled, in this order.
 
+mod burst;
 mod clock;
 mod guided;
 mod hold;
@@ -87,6 +88,10 @@ pub struct Acquisition<'a> {
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
     clock: Clock,
+    /// When the arm last reported that it stands.
+    rested: Instant,
+    /// Time between two frames of a burst, seconds; known after the first.
+    period_s: f64,
 }
 
 impl<'a> Acquisition<'a> {
@@ -122,6 +127,8 @@ impl<'a> Acquisition<'a> {
             rung: 0,
             to_doubt: None,
             clock: Clock::new(spent),
+            rested: Instant::now(),
+            period_s: 0.0,
         })
     }
 
@@ -214,15 +221,28 @@ impl<'a> Acquisition<'a> {
     fn shoot_station(&mut self, station: usize) -> Result<(), Trouble> {
         self.safe_point()?;
         let angle_deg = self.work.angle_deg(station);
-        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
-        let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
-        self.spend(Stage::Motion, begin);
-        let status = moved.map_err(|e| self.arm_trouble(&e))?;
-        let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
-        self.record("arm.moved", fields)?;
+        if let Some(approach) = self.work.approach(station) {
+            return self.burst(station, angle_deg, approach);
+        }
+        self.move_to(station, angle_deg)?;
         let begin = Instant::now();
         self.rest(self.rig.arm.settle_s)?;
         self.spend(Stage::Settling, begin);
+        self.shoot_bracket(station, angle_deg)
+    }
+
+    /// Turns the arm; it has reported rest when this returns.
+    fn move_to(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
+        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
+        let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
+        self.rested = Instant::now();
+        self.spend(Stage::Motion, begin);
+        let status = moved.map_err(|e| self.arm_trouble(&e))?;
+        let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
+        Ok(self.record("arm.moved", fields)?)
+    }
+
+    fn shoot_bracket(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
         self.bracket += 1;
         for exposure in 0..self.work.exposures(station).len() {
             if self.safe_point()? {
@@ -246,10 +266,10 @@ impl<'a> Acquisition<'a> {
             let taken = self.shoot(&shot)?;
             self.spend_shot(&shot, &taken, begin.elapsed());
             match taken {
-                Taken::Good(frame, fingerprint) => {
+                Taken::Good(frame, fingerprint, since_rest_s) => {
                     let begin = Instant::now();
                     let stood_deg = self.check_light(angle_deg)?;
-                    let committed = self.commit(&shot, attempt, stood_deg, &frame, &fingerprint);
+                    let committed = self.commit(&shot, attempt, (stood_deg, since_rest_s), &frame, &fingerprint);
                     self.spend(Stage::Storing, begin);
                     match committed {
                         Ok(()) => return Ok(self.doubt_optics(&frame)?),
@@ -296,7 +316,7 @@ impl<'a> Acquisition<'a> {
         &mut self,
         shot: &Shot,
         attempt: usize,
-        angle_deg: f64,
+        (angle_deg, since_rest_s): (f64, [f64; 2]),
         frame: &RawFrame,
         fingerprint: &Fingerprint,
     ) -> Result<(), StoreError> {
@@ -306,7 +326,7 @@ impl<'a> Acquisition<'a> {
             "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket, "angle_deg": angle_deg,
             "file": file, "bytes": frame.bytes.len(), "blake3": fingerprint.blake3,
             "shutter": shot.shutter.label, "true_s": shot.shutter.true_s,
-            "taken": fingerprint.taken, "camera_file": frame.name,
+            "since_rest_s": since_rest_s, "taken": fingerprint.taken, "camera_file": frame.name,
         });
         self.book.record(self.id, "frame.committed", fields).inspect_err(|_| {
             // Not acknowledged, so not kept; what cannot be removed now is removed at the next start.

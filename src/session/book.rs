@@ -89,6 +89,7 @@ impl Entry {
         Some(CalibrationSnapshot {
             id: run.id,
             name: run.name,
+            kind: plan.kind(),
             version: self.manifest.version.unwrap_or_default(),
             state: run.state,
             reason: run.reason,

@@ -5,8 +5,9 @@ mod calibration;
 use super::book::{Book, Entry, Inner};
 use super::budget::TimeBudget;
 use super::calibration::file::NAME as CALIBRATION_FILE;
-pub use super::calibration::plan::CalibrationRequest;
+pub use super::calibration::plan::{CalibrationRequest, Kind};
 pub use super::calibration::progress::{CalibrationSnapshot, Verdict};
+pub use super::calibration::settle::SettleFile;
 pub use super::calibration::step::Step;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use super::processing::read_json;
@@ -190,6 +191,7 @@ impl EngineHandle {
     fn planned(&self, inner: &Inner, request: &StartRequest) -> Result<(CapturePlan, Option<String>), EngineError> {
         let mut plan = CapturePlan::new(&self.rig, request)?;
         let text = self.use_calibration(inner, request, &mut plan)?;
+        plan.warnings.extend(self.settle_warning(inner));
         if plan.exposures.len() < self.least_exposures {
             let (found, least) = (plan.exposures.len(), self.least_exposures);
             let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");

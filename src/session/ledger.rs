@@ -34,6 +34,9 @@ pub struct FrameRecord {
     pub true_s: f64,
     /// Where the arm stood by its own status, degrees.
     pub angle_deg: Option<f64>,
+    /// When it was asked for and when its file was there, seconds after the arm reported rest; null in journals of earlier versions.
+    #[serde(default)]
+    pub since_rest_s: Option<[f64; 2]>,
     /// DateTimeOriginal of the frame, as the camera wrote it.
     pub taken: Option<String>,
 }

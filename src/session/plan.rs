@@ -171,6 +171,12 @@ impl<'a> Tally<'a> {
         self.seconds += self.rig.arm.settle_s + exposures.iter().map(PlannedExposure::seconds).sum::<f64>();
     }
 
+    /// A wait at `angle_deg`.
+    pub fn wait(&mut self, angle_deg: f64, seconds: f64) {
+        self.travel(angle_deg);
+        self.seconds += seconds;
+    }
+
     /// All of it, seconds.
     pub fn seconds(mut self) -> f64 {
         self.travel(self.rig.arm.park_deg);

@@ -1,6 +1,6 @@
 //! What a run of the engine is to do: photograph a sample, or calibrate the rig. Shooting, journal and clean-up are the same.
 
-use super::calibration::plan::CalibrationPlan;
+use super::calibration::plan::{Approach, CalibrationPlan};
 use super::plan::{CapturePlan, PlannedExposure};
 use super::state::Verb;
 use crate::store::manifest::Manifest;
@@ -64,6 +64,11 @@ impl Work {
             Self::Calibration(plan) => plan.station(station).map(|(_, angle)| angle),
         }
         .unwrap_or_default()
+    }
+
+    /// How the arm comes to a station, where that is what is measured.
+    pub fn approach(&self, station: usize) -> Option<Approach> {
+        self.calibration()?.approach(station)
     }
 
     /// The bracket of a station.

@@ -6,6 +6,7 @@ pub mod eos;
 pub mod grbl;
 mod lens;
 pub mod pose;
+pub mod ringing;
 pub mod scene;
 pub mod stage;
 pub mod tone;

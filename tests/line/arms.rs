@@ -112,8 +112,14 @@ impl Bench {
 pub fn board(kind: Kind, speed: f64, pose: SharedPose) -> Board {
     match kind {
         Kind::Rigproto => {
-            let config =
-                BoardConfig { speed_deg_s: 30.0, acceleration_deg_s2: 100.0, travel_deg: TRAVEL_DEG, speed, pose };
+            let config = BoardConfig {
+                speed_deg_s: 30.0,
+                acceleration_deg_s2: 100.0,
+                travel_deg: TRAVEL_DEG,
+                speed,
+                pose,
+                ringing: None,
+            };
             Board::Rigproto(SimulatedArm::spawn(config).unwrap())
         }
         Kind::Grbl => {

@@ -161,7 +161,7 @@ pub fn placed(step: Step) -> Placed {
         Step::Board { view, .. } => Placed::Board { view: view - 1 },
         Step::Card => Placed::Card { on: 7 },
         Step::Balls => Placed::Balls,
-        Step::Done => Placed::Sample,
+        Step::Settle | Step::Done => Placed::Sample,
     }
 }
 

@@ -4,12 +4,15 @@ mod files;
 pub mod lights;
 pub mod response;
 pub mod run;
+pub mod settle;
 
 /// Calibrate the rig of a running daemon, or from photographs in a folder.
 #[derive(Clone, Debug, clap::Subcommand)]
 pub enum Calibrate {
     /// The rig of a running daemon, step by step: board, card, balls.
     Run(run::Run),
+    /// The settle time of the arm of a running daemon: how long it swings after a move.
+    Settle(settle::Settle),
     /// Calibrations of a running daemon, newest first.
     List(run::Daemon),
     /// One of them as JSON.
@@ -26,6 +29,7 @@ pub enum Calibrate {
 pub fn run(step: &Calibrate) -> anyhow::Result<()> {
     match step {
         Calibrate::Run(args) => run::run(args),
+        Calibrate::Settle(args) => settle::run(args),
         Calibrate::List(daemon) => run::list(daemon),
         Calibrate::Show(args) => run::show(args),
         Calibrate::Camera(args) => camera::run(args),

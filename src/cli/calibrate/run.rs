@@ -2,7 +2,7 @@
 
 use crate::cli::error::print_line;
 use crate::cli::session::{Client, ClientError};
-use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, Verdict};
+use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, Kind, Verdict};
 use crate::session::state::{SessionState, Verb};
 use anyhow::bail;
 use serde_json::Value;
@@ -14,7 +14,7 @@ use std::time::Duration;
 pub struct Daemon {
     /// Where the daemon listens.
     #[arg(long, default_value = "http://127.0.0.1:7040")]
-    url: String,
+    pub(super) url: String,
 }
 
 /// Calibrate the rig of a running daemon, step by step.
@@ -39,7 +39,7 @@ pub struct Show {
 }
 
 /// Pause between two looks at a run that shoots.
-const LOOK_EVERY: Duration = Duration::from_millis(300);
+pub(super) const LOOK_EVERY: Duration = Duration::from_millis(300);
 
 /// Runs `rigd calibrate run`.
 ///
@@ -68,11 +68,12 @@ pub fn run(args: &Run) -> anyhow::Result<()> {
 
 /// A run that waits for an operator, or a new one.
 fn begin(client: &Client, name: Option<String>) -> anyhow::Result<String> {
-    if let Some(waiting) = client.calibrations()?.into_iter().find(|run| !run.state.is_final()) {
+    if let Some(waiting) = client.calibrations()?.into_iter().find(|run| run.kind == Kind::Rig && !run.state.is_final())
+    {
         print_line(format!("calibration {} ({}) is {}: taken up", waiting.version, waiting.id, waiting.state))?;
         return Ok(waiting.id);
     }
-    let started = client.start_calibration(&CalibrationRequest { name })?;
+    let started = client.start_calibration(&CalibrationRequest { name, ..CalibrationRequest::default() })?;
     print_line(format!("calibration {} ({}): arm, camera and lamp are being made ready", started.version, started.id))?;
     Ok(started.id)
 }

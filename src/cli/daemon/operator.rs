@@ -42,7 +42,7 @@ fn asked_for(engine: &EngineHandle) -> Placed {
         }
         Some((_, Step::Card)) => Placed::Card { on: 0 },
         Some((_, Step::Balls)) => Placed::Balls,
-        Some((_, Step::Done)) | None => Placed::Sample,
+        Some((_, Step::Settle | Step::Done)) | None => Placed::Sample,
     }
 }
 

@@ -27,7 +27,9 @@ const MOST_REFUSALS: usize = 6;
 /// Calibrates the daemon's rig, step by step.
 pub(super) fn calibrate(url: &str) -> anyhow::Result<CalibrationFile> {
     let client = Client::new(url)?;
-    let id = client.start_calibration(&CalibrationRequest { name: Some("demo".into()) })?.id;
+    let id = client
+        .start_calibration(&CalibrationRequest { name: Some("demo".into()), ..CalibrationRequest::default() })?
+        .id;
     say(format!("calibration {id} at {url}"));
     let mut told = 0;
     loop {

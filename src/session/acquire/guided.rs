@@ -3,6 +3,7 @@
 use super::hold::LONG;
 use super::{Acquisition, Ended, Stage};
 use crate::session::calibration::plan::{CalibrationPlan, PlannedStep};
+use crate::session::calibration::step::Step;
 use crate::session::processing::Judged;
 use crate::session::state::{Event, SessionState};
 use crate::session::worker::{self, Job};
@@ -15,6 +16,10 @@ impl Acquisition<'_> {
     /// Takes every step until it is accepted.
     pub(super) fn guided(&mut self, plan: &CalibrationPlan) -> Result<(), Ended> {
         for (index, step) in plan.steps.iter().enumerate() {
+            if step.step == Step::Settle {
+                self.unattended(plan, index, step)?;
+                continue;
+            }
             loop {
                 self.ask_operator(index, step)?;
                 match self.whole_step(plan.stations_of(index))? {
@@ -25,6 +30,12 @@ impl Acquisition<'_> {
             }
         }
         Ok(())
+    }
+
+    /// A step that nobody can help with: what does not serve ends the run.
+    fn unattended(&mut self, plan: &CalibrationPlan, index: usize, step: &PlannedStep) -> Result<(), Ended> {
+        self.whole_step(plan.stations_of(index))?.map_err(Ended::Interrupted)?;
+        if self.serves(index, step)? { Ok(()) } else { Err(Ended::Failed("the step does not serve".into())) }
     }
 
     /// Shoots every station of a step; the inner error says why a frame does not serve.

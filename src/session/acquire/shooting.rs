@@ -14,8 +14,8 @@ const REOPEN_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
 
 /// What came of one shot.
 pub(super) enum Taken {
-    /// A frame that is what was asked for.
-    Good(RawFrame, Fingerprint),
+    /// A frame that is what was asked for; when it was asked for and when it was there, seconds after the arm reported rest.
+    Good(RawFrame, Fingerprint, [f64; 2]),
     /// A frame that is not, or a camera that refused: the reason.
     Refused(String),
     /// The camera failed, for this reason, and was brought back.
@@ -26,9 +26,10 @@ impl Acquisition<'_> {
     /// Shoots once; the error ends the acquisition.
     pub(super) fn shoot(&mut self, shot: &Shot) -> Result<Taken, Ended> {
         let mut busy = 0;
-        let frame = loop {
+        let (frame, since_rest_s) = loop {
+            let asked_s = self.since_rest_s();
             match self.bench.camera().and_then(|camera| camera.shoot(shot, &self.book.cancel)) {
-                Ok(frame) => break frame,
+                Ok(frame) => break (frame, [asked_s, self.since_rest_s()]),
                 Err(CameraError::Cancelled) => return Err(self.asked_end()),
                 Err(error @ CameraError::NoFrame { .. }) => return Err(Ended::Failed(error.to_string())),
                 Err(CameraError::Refused { reason }) => return Ok(Taken::Refused(reason)),
@@ -47,10 +48,15 @@ impl Acquisition<'_> {
         Ok(match verdict {
             Ok(()) => {
                 self.rung = 0;
-                Taken::Good(frame, fingerprint)
+                Taken::Good(frame, fingerprint, since_rest_s)
             }
             Err(reason) => Taken::Refused(reason),
         })
+    }
+
+    /// Time since the arm reported rest, in seconds of the rig.
+    fn since_rest_s(&self) -> f64 {
+        self.speed * self.rested.elapsed().as_secs_f64()
     }
 
     /// Climbs the ladder until the camera opens; returns why it had to.

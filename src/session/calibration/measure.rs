@@ -5,6 +5,7 @@ use super::exposure;
 use super::file::{CalibrationFile, FILE_HASH, NAME};
 use super::plan::PlannedStep;
 use super::radiance::{self, RadianceError, Stations};
+use super::settle;
 use super::step::Step;
 use crate::pipeline::calibration::camera::{
     Board, CameraCalibration, Found, Photograph, calibrate_camera, card_on_board, look_at_view,
@@ -27,7 +28,7 @@ pub struct Measuring {
 }
 
 /// Why a step goes no further.
-enum Stop {
+pub(super) enum Stop {
     /// It is to be shot again.
     Refuse(String),
     /// The run ends.
@@ -35,7 +36,7 @@ enum Stop {
 }
 
 /// A fault of disk or run, which shooting again does not mend.
-fn fail(reason: impl ToString) -> Stop {
+pub(super) fn fail(reason: impl ToString) -> Stop {
     Stop::Fail(reason.to_string())
 }
 
@@ -50,12 +51,13 @@ impl Measuring {
         if self.run != job.manifest.id {
             *self = Self { run: job.manifest.id.clone(), ..Self::default() };
         }
-        let Some(calibration) = &rig.calibration else { return Err("the rig file has no [calibration]".into()) };
-        let judged = match job.plan.steps.get(job.step).map(|step| step.step) {
-            Some(Step::Board { view, of }) => self.board(calibration, rig, job, (view, of)),
-            Some(Step::Card) => self.card(calibration, rig, job),
-            Some(Step::Balls) => self.balls(calibration, rig, job),
-            Some(Step::Done) | None => Err(fail(format!("the plan has no step {}", job.step))),
+        let judged = match (job.plan.steps.get(job.step).map(|step| step.step), &rig.calibration) {
+            (Some(Step::Settle), _) => settle::judge(rig, job),
+            (Some(Step::Board { view, of }), Some(calibration)) => self.board(calibration, rig, job, (view, of)),
+            (Some(Step::Card), Some(calibration)) => self.card(calibration, rig, job),
+            (Some(Step::Balls), Some(calibration)) => self.balls(calibration, rig, job),
+            (Some(Step::Done) | None, _) => Err(fail(format!("the plan has no step {}", job.step))),
+            (Some(_), None) => Err(fail("the rig file has no [calibration]")),
         };
         match judged {
             Ok(found) => Ok(Judged::Accepted(found)),
@@ -168,7 +170,8 @@ impl Measuring {
         })?;
         let first = read_frame(&job.directory, first_frame(job, 0)?).map_err(fail)?;
         let file = CalibrationFile { optics: Optics::of(&first), ..self.file(job, camera, response, lights) };
-        let hash = write(job, &file)?;
+        let text = serde_json::to_string_pretty(&file).map_err(fail)?;
+        let hash = write(job, NAME, &text)?;
         let mut summary = summary_of(&file);
         summary[FILE_HASH] = hash.into();
         Ok(summary)
@@ -246,16 +249,15 @@ fn all_views(job: &StepJob, board: &Board) -> Result<CameraCalibration, Stop> {
     }
 }
 
-/// The calibration in `result/`, whole or not at all; its hash, for the journal.
-fn write(job: &StepJob, file: &CalibrationFile) -> Result<String, Stop> {
+/// What was measured in `result/`, whole or not at all; its hash, for the journal.
+pub(super) fn write(job: &StepJob, name: &str, text: &str) -> Result<String, Stop> {
     let (unfinished, finished) = (job.directory.join(".result"), job.directory.join("result"));
     clear(&unfinished).and_then(|()| clear(&finished)).map_err(fail)?;
-    let text = serde_json::to_string_pretty(file).map_err(fail)?;
-    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
     let written = std::fs::create_dir(&unfinished)
-        .and_then(|()| std::fs::write(unfinished.join(NAME), text))
+        .and_then(|()| std::fs::write(unfinished.join(name), text))
         .and_then(|()| std::fs::rename(&unfinished, &finished));
-    written.map(|()| hash).map_err(|e| fail(format!("cannot write {}: {e}", finished.join(NAME).display())))
+    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
+    written.map(|()| hash).map_err(|e| fail(format!("cannot write {}: {e}", finished.join(name).display())))
 }
 
 fn summary_of_camera(camera: &CameraCalibration) -> Value {

@@ -6,5 +6,6 @@ pub mod plan;
 pub mod progress;
 mod radiance;
 pub mod sample;
+pub mod settle;
 pub mod stale;
 pub mod step;

@@ -1,5 +1,6 @@
 //! What a calibration run shoots: its steps with their light stations and exposures.
 
+use super::settle;
 use super::step::Step;
 use crate::numerics::geometry::Vec3;
 use crate::session::plan::{
@@ -9,12 +10,27 @@ use rig_config::{Calibration, Rig, Shutter};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What `POST /v1/calibrations` may say; everything else comes from `[calibration]` of the rig file.
+/// What is calibrated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Camera, response and lights, with an operator: board, card, balls.
+    #[default]
+    Rig,
+    /// The settle time of the arm, by itself, on whatever stands in place of the sample.
+    Settle,
+}
+
+/// What `POST /v1/calibrations` may say; everything else comes from `[calibration]` of the rig file, for the settle time from its `[plan]`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CalibrationRequest {
     /// A name, for people; at most 200 characters.
     pub name: Option<String>,
+    /// What is calibrated; left out: the rig.
+    pub kind: Kind,
+    /// Shutter label of the settle time's frames; the middle one of the plan's bracket if left out. For kind `settle`.
+    pub exposure: Option<String>,
 }
 
 /// One step of the plan.
@@ -26,6 +42,18 @@ pub struct PlannedStep {
     pub stations_deg: Vec<f64>,
     /// Exposures at each.
     pub exposures: Vec<PlannedExposure>,
+    /// How the arm comes to each, where that is what is measured; else empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub approaches: Vec<Approach>,
+}
+
+/// The move before a burst.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Approach {
+    /// Where the arm rests before it, degrees.
+    pub from_deg: f64,
+    /// How long the first frame is held back, in parts of the time between two frames of the first burst.
+    pub delay: f64,
 }
 
 /// The plan of a calibration run. Frames are numbered by their stations, counted through all steps.
@@ -52,7 +80,16 @@ impl CalibrationPlan {
     /// # Errors
     /// The rig file has no `[calibration]`, its bracket is too short, or no station lights the card; every reason at once.
     pub fn new(rig: &Rig, request: &CalibrationRequest) -> Result<Self, PlanError> {
+        if request.kind == Kind::Settle {
+            return settle::plan::plan(rig, request);
+        }
         let mut reasons = Vec::new();
+        if request.exposure.is_some() {
+            reasons.push(
+                "exposure: it has no meaning for kind `rig`, whose exposures are those of the rig file: leave it out"
+                    .into(),
+            );
+        }
         let name = request.name.clone().unwrap_or_else(|| rig.name.clone());
         check_name(&name, &mut reasons);
         let Some(calibration) = &rig.calibration else {
@@ -77,15 +114,36 @@ impl CalibrationPlan {
         if !reasons.is_empty() {
             return Err(PlanError { reasons });
         }
+        Ok(Self::of(rig, name, steps))
+    }
+
+    /// A plan of these steps.
+    pub(super) fn of(rig: &Rig, name: String, steps: Vec<PlannedStep>) -> Self {
         let mut tally = Tally::new(rig);
         let mut frames = 0;
         for step in &steps {
-            step.stations_deg.iter().for_each(|&angle| tally.station(angle, &step.exposures));
+            for (station, &angle) in step.stations_deg.iter().enumerate() {
+                if let Some(approach) = step.approaches.get(station) {
+                    tally.wait(approach.from_deg, settle::plan::REST_S);
+                }
+                tally.station(angle, &step.exposures);
+            }
             frames += step.stations_deg.len() * step.exposures.len();
         }
         let developed: usize = steps.iter().filter(|s| s.is_developed()).map(|s| s.stations_deg.len()).sum();
         let estimated_bytes = frames_bytes(rig, frames, developed, frame_pixels(rig)) + RECORDS_BYTES;
-        Ok(Self { name, steps, frames, estimated_s: tally.seconds(), estimated_bytes })
+        Self { name, steps, frames, estimated_s: tally.seconds(), estimated_bytes }
+    }
+
+    /// What it calibrates.
+    pub fn kind(&self) -> Kind {
+        if self.steps.iter().any(|step| step.step == Step::Settle) { Kind::Settle } else { Kind::Rig }
+    }
+
+    /// How the arm comes to a station, where that is what is measured.
+    pub fn approach(&self, station: usize) -> Option<Approach> {
+        let all = self.steps.iter().flat_map(|step| (0..step.stations_deg.len()).map(|at| step.approaches.get(at)));
+        all.into_iter().nth(station).flatten().copied()
     }
 
     /// Step and arm angle (degrees) of a station, counted through all steps.
@@ -120,9 +178,12 @@ fn steps(rig: &Rig, calibration: &Calibration) -> Vec<PlannedStep> {
         step: Step::Board { view, of },
         stations_deg: vec![calibration.board_station_deg],
         exposures: vec![PlannedExposure::from(&calibration.board_exposure)],
+        approaches: Vec::new(),
     });
-    let card = PlannedStep { step: Step::Card, stations_deg: lit, exposures: bracket.clone() };
-    let balls = PlannedStep { step: Step::Balls, stations_deg: calibration.stations_deg.clone(), exposures: bracket };
+    let (approaches, stations_deg) = (Vec::new(), calibration.stations_deg.clone());
+    let card =
+        PlannedStep { step: Step::Card, stations_deg: lit, exposures: bracket.clone(), approaches: approaches.clone() };
+    let balls = PlannedStep { step: Step::Balls, stations_deg, exposures: bracket, approaches };
     board.chain([card, balls]).collect()
 }
 

@@ -1,5 +1,6 @@
 //! What a calibration run's journal adds up to, and the run as anyone may see it.
 
+use super::plan::Kind;
 use super::step::Step;
 use crate::session::state::SessionState;
 use serde::{Deserialize, Serialize};
@@ -13,6 +14,8 @@ pub struct CalibrationSnapshot {
     pub id: String,
     /// Name of the run.
     pub name: String,
+    /// What it calibrates.
+    pub kind: Kind,
     /// Consecutive number of the run in this data directory.
     pub version: u64,
     /// Where the run stands; `awaiting`: what `instruction` says is to be done, then `shoot`.

@@ -19,6 +19,8 @@ pub enum Step {
     Card,
     /// The balls.
     Balls,
+    /// Moves of the arm with bursts after them; nobody is asked for anything.
+    Settle,
     /// Nothing more.
     Done,
 }
@@ -30,6 +32,7 @@ impl Step {
             Self::Board { view, of } => format!("board, view {view} of {of}"),
             Self::Card => "card".into(),
             Self::Balls => "balls".into(),
+            Self::Settle => "settle".into(),
             Self::Done => "done".into(),
         }
     }
@@ -53,7 +56,7 @@ impl Step {
                 "Take board and card away and put up the {balls} balls (radius {ball_radius_mm} mm) where the sample will be, side by side, none \
                  before another and none in another's shadow; then shoot."
             ),
-            Self::Done => "Nothing more to place.".into(),
+            Self::Settle | Self::Done => "Nothing more to place.".into(),
         }
     }
 }

@@ -3,10 +3,10 @@
 use super::{EngineError, EngineHandle};
 use crate::session::book::{Entry, Inner};
 use crate::session::calibration::file::{self, CalibrationFile, FILE_HASH};
-use crate::session::calibration::plan::{CalibrationPlan, CalibrationRequest};
+use crate::session::calibration::plan::{CalibrationPlan, CalibrationRequest, Kind};
 use crate::session::calibration::progress::CalibrationSnapshot;
-use crate::session::calibration::stale;
 use crate::session::calibration::step::Step;
+use crate::session::calibration::{settle, stale};
 use crate::session::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use crate::session::state::{SessionState, Verb};
 use crate::session::work::Work;
@@ -63,24 +63,38 @@ impl EngineHandle {
         Some((snapshot.id, snapshot.step))
     }
 
-    /// `calibration.json` of a completed run: camera, response and lights with their uncertainties; none while there is none.
+    /// `calibration.json` of a completed run (camera, response and lights with their uncertainties), or `settle.json` of one of kind
+    /// `settle`; none while there is none.
     ///
     /// # Errors
     /// No such run, or a file that is damaged or gone.
     pub fn calibration_result(&self, id: &str) -> Result<Option<Value>, EngineError> {
-        let (snapshot, path) = {
+        let (snapshot, directory) = {
             let inner = self.book.lock();
             let (entry, snapshot) = inner.calibration(id)?;
-            (snapshot, file::path(&entry.directory))
+            (snapshot, entry.directory.clone())
         };
         if snapshot.state != SessionState::Completed {
             return Ok(None);
         }
-        let CalibrationSnapshot { id, version, .. } = snapshot;
+        let CalibrationSnapshot { id, version, kind, .. } = snapshot;
         let damaged = |reason| EngineError::DamagedCalibration { id, version, reason };
-        let read =
-            CalibrationFile::read(&path).and_then(|(_, text)| serde_json::from_str(&text).map_err(|e| e.to_string()));
+        let read = match kind {
+            Kind::Rig => CalibrationFile::read(&file::path(&directory))
+                .and_then(|(_, text)| serde_json::from_str(&text).map_err(|e| e.to_string())),
+            Kind::Settle => settle::read(&settle::path(&directory))
+                .and_then(|file| serde_json::to_value(file).map_err(|e| e.to_string())),
+        };
         read.map(Some).map_err(damaged)
+    }
+
+    /// What the newest measured settle time says against the rig file.
+    pub(super) fn settle_warning(&self, inner: &Inner) -> Option<String> {
+        let entry = latest(inner, Kind::Settle)?;
+        match settle::read(&settle::path(&entry.directory)) {
+            Ok(file) => settle::warning(&self.rig, &file, &entry.manifest),
+            Err(damaged) => Some(damaged),
+        }
     }
 
     /// Puts the calibration that `request` means into `plan`; its text, for the session's directory.
@@ -93,7 +107,7 @@ impl EngineHandle {
         let refuse = |reason: String| PlanError { reasons: vec![format!("calibration: {reason}")] };
         match request.calibration.as_deref() {
             Some("none") => Ok(None),
-            None => match latest(inner) {
+            None => match latest(inner, Kind::Rig) {
                 None => {
                     if self.rig.calibration.is_some() {
                         let words =
@@ -109,11 +123,14 @@ impl EngineHandle {
                     Ok(None)
                 }),
             },
-            Some("latest") => match latest(inner) {
+            Some("latest") => match latest(inner, Kind::Rig) {
                 None => Err(refuse("there is none yet: make one (rigd calibrate run), or do not name one".into())),
                 Some(entry) => self.put(entry, plan).map_err(refuse),
             },
             Some(id) => match inner.calibration(id) {
+                Ok((_, of)) if of.kind == Kind::Settle => {
+                    Err(refuse(format!("{} measured a settle time only: name one of camera and lights", of.id)))
+                }
                 Ok((entry, of)) if of.state == SessionState::Completed => self.put(entry, plan).map_err(refuse),
                 Ok((_, of)) => Err(refuse(format!("{} is {}: name one that is completed", of.id, of.state))),
                 Err(error) => Err(refuse(error.to_string())),
@@ -151,8 +168,8 @@ impl EngineHandle {
     }
 }
 
-/// The newest completed calibration.
-fn latest(inner: &Inner) -> Option<&Entry> {
-    let completed = |entry: &&Entry| entry.work.calibration().is_some() && entry.state() == SessionState::Completed;
-    inner.runs.values().rev().find(completed)
+/// The newest completed calibration of this kind.
+fn latest(inner: &Inner, kind: Kind) -> Option<&Entry> {
+    let of_kind = |entry: &Entry| entry.work.calibration().is_some_and(|plan| plan.kind() == kind);
+    inner.runs.values().rev().find(|entry| of_kind(entry) && entry.state() == SessionState::Completed)
 }

@@ -2,6 +2,7 @@
 
 use super::motion::Profile;
 use crate::sim::pose::Pose;
+use crate::sim::ringing::Ringing;
 use firmware_protocol::{Faults, Hal, Motor};
 
 /// The arm's mechanics. The home switch sits at the lower end of the travel and is also a mechanical stop.
@@ -13,6 +14,8 @@ pub struct Mechanics {
     pub acceleration_deg_s2: f64,
     /// Permitted angles, degrees, lower and upper.
     pub travel_deg: [f64; 2],
+    /// How the arm swings after a move; none: it does not.
+    pub ringing: Option<Ringing>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +37,8 @@ pub struct Board {
     /// True angle minus counted angle, degrees: unknown to the controller until it homes.
     slip_deg: f64,
     motion: Option<Motion>,
+    /// Time since the last move ended (seconds), and its greatest speed (degrees per second).
+    rest: Option<(f64, f64)>,
     homed: bool,
     stalled: bool,
     faults: Faults,
@@ -50,6 +55,7 @@ impl Board {
             counted_deg: 0.0,
             slip_deg: lower + 0.37 * (upper - lower),
             motion: None,
+            rest: None,
             homed: false,
             stalled: false,
             faults: Faults::default(),
@@ -74,6 +80,12 @@ impl Board {
         Pose { angle_deg: self.counted_deg + self.slip_deg, lamp_permille: self.lamp_permille }
     }
 
+    /// The swinging after the last move, and for how long the motor has been standing, seconds; none while it turns.
+    pub fn swing(&self) -> Option<(Ringing, f64)> {
+        let ((since_s, speed_deg_s), ringing) = (self.rest?, self.mechanics.ringing?);
+        Some((ringing.scaled(speed_deg_s / self.mechanics.speed_deg_s), since_s))
+    }
+
     /// Moves begun since the start of the simulation, homings included.
     pub fn moves_started(&self) -> u32 {
         self.moves_started
@@ -91,7 +103,10 @@ impl Board {
 
     /// Lets `dt_s` seconds pass for the motor.
     pub fn advance(&mut self, dt_s: f64) {
-        let Some(mut motion) = self.motion.take() else { return };
+        let Some(mut motion) = self.motion.take() else {
+            self.rest = self.rest.map(|(since_s, speed_deg_s)| (since_s + dt_s, speed_deg_s));
+            return;
+        };
         motion.elapsed_s += dt_s;
         motion.along_s += if self.stalled { 0.0 } else { dt_s };
         self.counted_deg = motion.profile.at(motion.along_s).0;
@@ -102,6 +117,8 @@ impl Board {
             self.faults = self.faults.union(Faults::HOME_FAILED);
         } else if motion.along_s < motion.profile.duration_s() {
             self.motion = Some(motion);
+        } else {
+            self.rest = Some((motion.along_s - motion.profile.duration_s(), motion.profile.peak_speed()));
         }
     }
 
@@ -110,6 +127,7 @@ impl Board {
     }
 
     fn start(&mut self, profile: Profile, homing: bool) {
+        self.rest = None;
         self.motion = Some(Motion { profile, homing, along_s: 0.0, elapsed_s: 0.0 });
     }
 }
@@ -133,7 +151,7 @@ impl Hal for Board {
     }
 
     fn start_home(&mut self) {
-        let Mechanics { speed_deg_s, acceleration_deg_s2, travel_deg: [lower, upper] } = self.mechanics;
+        let Mechanics { speed_deg_s, acceleration_deg_s2, travel_deg: [lower, upper], .. } = self.mechanics;
         let farthest_deg = self.counted_deg - 1.5 * (upper - lower);
         self.moves_started += 1;
         self.homed = false;
@@ -162,9 +180,11 @@ pub fn to_mdeg(angle_deg: f64) -> i32 {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
-    const MECHANICS: Mechanics = Mechanics { speed_deg_s: 30.0, acceleration_deg_s2: 100.0, travel_deg: [-90.0, 90.0] };
+    const MECHANICS: Mechanics =
+        Mechanics { speed_deg_s: 30.0, acceleration_deg_s2: 100.0, travel_deg: [-90.0, 90.0], ringing: None };
 
     fn run(board: &mut Board) -> f64 {
         let mut time_s = 0.0;
@@ -224,6 +244,27 @@ mod tests {
         board.start_home();
         run(&mut board);
         assert_eq!((board.motor().faults, board.motor().homed), (Faults::HOME_FAILED, false));
+    }
+
+    #[test]
+    fn an_arm_rings_from_the_instant_of_its_stop_and_a_slow_move_less() {
+        let ringing = Ringing { amplitude_deg: 0.5, frequency_hz: 3.0, decay_s: 0.7 };
+        let mut board = Board::new(Mechanics { ringing: Some(ringing), ..MECHANICS });
+        board.start_home();
+        run(&mut board);
+        assert!(board.swing().is_none(), "the switch stops it");
+        // 40 degrees take 40 / 30 + 30 / 100 s; looked at 0.25 s later, in one step as by a sleepy host.
+        board.start_move(-50_000);
+        assert!(board.swing().is_none());
+        board.advance(40.0 / 30.0 + 0.3 + 0.25);
+        let (found, since_s) = board.swing().unwrap();
+        assert!((since_s - 0.25).abs() < 1e-9 && found == ringing, "{found:?} {since_s}");
+        board.advance(0.1);
+        assert!((board.swing().unwrap().1 - 0.35).abs() < 1e-9);
+        // A degree is too short to reach the greatest speed: sqrt(1 x 100) of 30 degrees a second.
+        board.start_move(-49_000);
+        run(&mut board);
+        assert!((board.swing().unwrap().0.amplitude_deg - 0.5 / 3.0).abs() < 1e-9);
     }
 
     #[test]

@@ -9,7 +9,8 @@ pub(crate) mod pty;
 
 pub use faults::ArmFaults;
 
-use super::pose::SharedPose;
+use super::pose::{SharedPose, Swing};
+use super::ringing::Ringing;
 use board::{Board, Mechanics, to_mdeg};
 use firmware_protocol::{Decoder, Device, DeviceInfo, Hal, caps};
 use pty::Pty;
@@ -36,6 +37,8 @@ pub struct ArmConfig {
     pub travel_deg: [f64; 2],
     /// How many times faster than real the motor turns.
     pub speed: f64,
+    /// How the arm swings after a move; none: it does not.
+    pub ringing: Option<Ringing>,
     /// Where the true pose is written.
     pub pose: SharedPose,
 }
@@ -48,6 +51,7 @@ impl ArmConfig {
             acceleration_deg_s2: rig.arm.acceleration_deg_s2,
             travel_deg: rig.arm.travel_deg,
             speed: rig.simulation.as_ref().map_or(1.0, |simulation| simulation.speed),
+            ringing: rig.simulation.as_ref().filter(|s| s.ringing).map(|s| Ringing::of_seed(s.seed)),
             pose,
         }
     }
@@ -124,8 +128,8 @@ struct Bench {
 
 impl Bench {
     fn new(config: ArmConfig, pty: Pty, faults: ArmFaults, moves: Arc<AtomicU32>) -> Self {
-        let ArmConfig { speed_deg_s, acceleration_deg_s2, travel_deg, speed, pose } = config;
-        let board = Board::new(Mechanics { speed_deg_s, acceleration_deg_s2, travel_deg });
+        let ArmConfig { speed_deg_s, acceleration_deg_s2, travel_deg, speed, ringing, pose } = config;
+        let board = Board::new(Mechanics { speed_deg_s, acceleration_deg_s2, travel_deg, ringing });
         let info = DeviceInfo {
             firmware: [0, 1, 0],
             caps: caps::DIMMING | caps::DEAD_MAN | caps::REBOOT_DETECT,
@@ -216,7 +220,15 @@ impl Bench {
     }
 
     fn show(&self) {
-        self.pose.set(self.device.hal().pose());
+        let board = self.device.hal();
+        let swinging = board.swing().and_then(|(ringing, since_s)| {
+            let before = Duration::try_from_secs_f64(since_s / self.speed).ok()?;
+            Some(Swing { ringing, stopped: self.last.checked_sub(before)?, speed: self.speed })
+        });
+        match swinging {
+            Some(swing) => self.pose.set_swinging(board.pose(), swing),
+            None => self.pose.set(board.pose()),
+        }
         self.moves.store(self.device.hal().moves_started(), Ordering::SeqCst);
     }
 

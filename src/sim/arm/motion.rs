@@ -39,6 +39,11 @@ impl Profile {
         self.ramp_up_s + self.cruise_s + self.peak_speed / self.acceleration
     }
 
+    /// Greatest speed on the way, degrees per second.
+    pub fn peak_speed(&self) -> f64 {
+        self.peak_speed
+    }
+
     /// Angle (degrees) and signed velocity (degrees per second) `time_s` after the start.
     pub fn at(&self, time_s: f64) -> (f64, f64) {
         let time_s = time_s.clamp(0.0, self.duration_s());
