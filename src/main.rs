@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, relight, serve, session, simulate, study, verify,
+    bench, calibrate, config, demo, doctor, error, fit, merge, queue, relight, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -19,6 +19,7 @@ enum Command {
     Serve(serve::Args),
     Demo(demo::Args),
     Session(session::SessionArgs),
+    Queue(queue::QueueArgs),
     Fit(fit::Args),
     Relight(relight::Args),
     Merge(merge::Args),
@@ -56,6 +57,7 @@ fn main() -> ExitCode {
         .init();
     error::exit_code(match Cli::parse().command {
         Command::Session(args) => session::run(&args),
+        Command::Queue(args) => queue::run(args),
         Command::Serve(args) => serve::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Fit(args) => fit::run(&args),

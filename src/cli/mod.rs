@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod error;
 pub mod fit;
 pub mod merge;
+pub mod queue;
 pub mod relight;
 pub mod serve;
 pub mod session;

@@ -73,6 +73,9 @@ pub(super) struct SessionId(pub String);
 /// The same of a calibration.
 pub(super) struct CalibrationId(pub String);
 
+/// The same of an entry of the queue.
+pub(super) struct EntryId(pub String);
+
 #[derive(Deserialize)]
 struct IdInPath {
     id: String,
@@ -91,6 +94,14 @@ impl<S: Send + Sync> FromRequestParts<S> for CalibrationId {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         uuid_in(parts, state).await?.map(Self).map_err(|id| EngineError::UnknownCalibration { id }.into())
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for EntryId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        uuid_in(parts, state).await?.map(Self).map_err(|id| EngineError::UnknownEntry { id }.into())
     }
 }
 

@@ -9,6 +9,7 @@ mod metrics;
 mod openapi;
 mod page;
 mod problem;
+mod queue;
 mod results;
 mod rig;
 mod sessions;

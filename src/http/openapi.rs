@@ -1,7 +1,7 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, calibrations, events, metrics, results, rig, sessions};
+use super::{HttpState, calibrations, events, metrics, queue, results, rig, sessions};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
@@ -28,6 +28,7 @@ use utoipa_axum::routes;
         (name = "sessions", description = "One acquisition each, from the first light station to the fitted material."),
         (name = "results", description = "Frames, material and result files of a session."),
         (name = "calibrations", description = "Camera, response and lights, measured step by step with board, card and balls; and the settle time of the arm."),
+        (name = "queue", description = "Sessions that wait for their turn."),
         (name = "rig", description = "The rig itself."),
         (name = "health", description = "For supervisors and monitoring."),
     )
@@ -56,6 +57,11 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(calibrations::shoot))
         .routes(routes!(calibrations::abort))
         .routes(routes!(events::calibration_events))
+        .routes(routes!(queue::show, queue::add))
+        .routes(routes!(queue::remove))
+        .routes(routes!(queue::first))
+        .routes(routes!(queue::hold))
+        .routes(routes!(queue::release))
         .routes(routes!(results::frames))
         .routes(routes!(results::material))
         .routes(routes!(results::file))
@@ -69,7 +75,7 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
 /// Gives every refusal its body: handlers name statuses only, because all refusals are problems.
 fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
     for path in spec.paths.paths.values_mut() {
-        for operation in [&mut path.get, &mut path.post].into_iter().flatten() {
+        for operation in [&mut path.get, &mut path.post, &mut path.delete].into_iter().flatten() {
             complete(operation);
         }
     }

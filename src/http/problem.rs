@@ -118,7 +118,9 @@ impl From<EngineError> for Problem {
         let detail = error.to_string();
         let of = |status, kind, title| Self::new(status, kind, title, &detail);
         match error {
-            EngineError::UnknownSession { .. } | EngineError::UnknownCalibration { .. } => Self::not_found(detail),
+            EngineError::UnknownSession { .. }
+            | EngineError::UnknownCalibration { .. }
+            | EngineError::UnknownEntry { .. } => Self::not_found(detail),
             EngineError::DamagedCalibration { .. } => {
                 of(StatusCode::CONFLICT, "calibration-damaged", "The calibration is damaged")
             }

@@ -7,6 +7,7 @@ use super::calibration::progress::CalibrationSnapshot;
 use super::handle::{EngineError, SessionSnapshot};
 use super::ledger::{FrameRecord, Ledger};
 use super::plan::PlannedExposure;
+use super::queue::Queue;
 use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
 use super::work::Work;
 use super::worker::Fault;
@@ -43,6 +44,8 @@ pub struct Inner {
     pub shutdown: bool,
     /// The engine's thread has ended, everything cleaned up.
     pub ended: bool,
+    /// What waits.
+    pub queue: Queue,
     /// Why arm or camera could not be used last time.
     pub device_fault: Option<String>,
 }
@@ -118,11 +121,19 @@ impl Book {
     /// is the second value.
     pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
         let (found, unreadable) = store.runs()?;
+        let queue = Queue::read(&store)?;
         for error in unreadable {
             tracing::warn!(%error, "a session directory is left alone");
         }
-        let mut inner =
-            Inner { store, runs: BTreeMap::new(), pending: None, shutdown: false, ended: false, device_fault: None };
+        let mut inner = Inner {
+            store,
+            runs: BTreeMap::new(),
+            pending: None,
+            shutdown: false,
+            ended: false,
+            queue,
+            device_fault: None,
+        };
         let mut interrupted = 0;
         for session in found {
             interrupted += usize::from(inner.take_in(session)?);
@@ -295,6 +306,15 @@ impl Inner {
         self.happen(id, Event::Asked(Verb::Resume), Some(reason)).map_err(|e| EngineError::Storage(e.to_string()))?;
         self.pending = Some(id.to_owned());
         self.entry(id)
+    }
+
+    /// Changes the queue; a change that cannot be written is not made.
+    pub fn change_queue(&mut self, change: impl FnOnce(&mut Queue)) -> Result<(), StoreError> {
+        let mut queue = self.queue.clone();
+        change(&mut queue);
+        queue.write(&self.store)?;
+        self.queue = queue;
+        Ok(())
     }
 
     /// Refuses when a run holds the rig, or the daemon ends.

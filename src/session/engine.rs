@@ -6,6 +6,7 @@ use super::bench::{Bench, OpenArm, OpenCamera, Remedy};
 use super::book::{Book, Entry};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
+use super::queue;
 use super::room::{self, Lack};
 use super::state::{Event, SessionState, WrongEvent};
 use super::worker::{self, Fault, Job, message};
@@ -62,7 +63,9 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
         engine.run();
     };
     std::thread::Builder::new().name("engine".into()).spawn(run).map_err(no_thread)?;
-    Ok(EngineHandle::new(book, rig, rig_text, jobs, speed, least_exposures))
+    let handle = EngineHandle::new(Arc::clone(&book), rig, rig_text, jobs, speed, least_exposures);
+    queue::spawn(book, handle.clone()).map_err(no_thread)?;
+    Ok(handle)
 }
 
 /// Takes up the newest session that the daemon's end interrupted and that goes on by itself.

@@ -1,6 +1,7 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
 mod calibration;
+mod queue;
 
 use super::book::{Book, Entry, Inner};
 use super::budget::TimeBudget;
@@ -11,6 +12,7 @@ pub use super::calibration::settle::SettleFile;
 pub use super::calibration::step::Step;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use super::processing::read_json;
+pub use super::queue::QueueRequest;
 pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
 use super::state::{SessionState, Verb};
 use super::work::Work;
@@ -18,6 +20,7 @@ use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{Idempotency, Manifest};
+pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -82,6 +85,12 @@ pub enum EngineError {
     /// No calibration by that id.
     #[error("no calibration {id}: see GET /v1/calibrations (rigd calibrate list) for those there are")]
     UnknownCalibration {
+        /// The id asked for.
+        id: String,
+    },
+    /// No entry of the queue by that id.
+    #[error("no entry {id} in the queue: see GET /v1/queue (rigd queue list) for those there are")]
+    UnknownEntry {
         /// The id asked for.
         id: String,
     },

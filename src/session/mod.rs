@@ -11,6 +11,7 @@ mod ledger;
 pub mod plan;
 pub mod processing;
 pub mod quality;
+pub mod queue;
 mod refit;
 mod room;
 pub mod state;

@@ -1,6 +1,6 @@
 //! The manifest of a session: what was meant to happen, on what, with which software.
 
-use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
+use super::{Disk, StoreError, io_error, replace};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -69,14 +69,7 @@ pub fn read(directory: &Path) -> Result<Manifest, StoreError> {
 
 /// Writes `directory/manifest.json`; a crash leaves the old one or the new one, never half of either.
 pub fn write(disk: &dyn Disk, directory: &Path, manifest: &Manifest) -> Result<(), StoreError> {
-    let path = directory.join(FILE);
-    let temporary = directory.join(format!(".{FILE}.tmp"));
     let bytes = serde_json::to_vec_pretty(manifest)
-        .map_err(|e| StoreError::Corrupt { path: path.display().to_string(), reason: e.to_string() })?;
-    remove_if_there(disk, &temporary)?;
-    write_synced(disk, &temporary, &bytes)?;
-    disk.before(Step::Rename)
-        .and_then(|()| std::fs::rename(&temporary, &path))
-        .map_err(|e| io_error("name", &path, &e))?;
-    sync_directory(disk, directory)
+        .map_err(|e| StoreError::Corrupt { path: directory.join(FILE).display().to_string(), reason: e.to_string() })?;
+    replace(disk, directory, FILE, &bytes)
 }

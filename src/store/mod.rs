@@ -130,6 +130,17 @@ impl Disk for RealDisk {
     }
 }
 
+/// Writes `directory/name` in place of what is there; a crash leaves the old file or the new one, never half of either.
+fn replace(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+    let (path, temporary) = (directory.join(name), directory.join(format!(".{name}.tmp")));
+    remove_if_there(disk, &temporary)?;
+    write_synced(disk, &temporary, bytes)?;
+    disk.before(Step::Rename)
+        .and_then(|()| std::fs::rename(&temporary, &path))
+        .map_err(|e| io_error("name", &path, &e))?;
+    sync_directory(disk, directory)
+}
+
 /// Names the step and the file that an operating-system error belongs to.
 fn io_error(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
     let path = path.display().to_string();

@@ -2,7 +2,7 @@
 
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
-use super::{Disk, RealDisk, Step, StoreError, frames, io_error, sync_directory, write_synced};
+use super::{Disk, RealDisk, Step, StoreError, frames, io_error, replace, sync_directory, write_synced};
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -64,6 +64,21 @@ impl Store {
     /// The disk, for frame writes outside the store's owner.
     pub fn disk(&self) -> Arc<dyn Disk> {
         Arc::clone(&self.disk)
+    }
+
+    /// A file of the data directory itself; none if there is none.
+    pub fn read_file(&self, name: &str) -> Result<Option<Vec<u8>>, StoreError> {
+        let path = self.directory.join(name);
+        match std::fs::read(&path) {
+            Ok(bytes) => Ok(Some(bytes)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(io_error("read", &path, &error)),
+        }
+    }
+
+    /// Writes such a file in place of what is there.
+    pub fn write_file(&self, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
+        replace(self.disk.as_ref(), &self.directory, name, bytes)
     }
 
     /// Refuses when `bytes` more would eat into the reserve.

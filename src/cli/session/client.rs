@@ -1,7 +1,9 @@
 //! The daemon's REST surface as calls.
 
 use crate::http::Problem;
-use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, SessionSnapshot};
+use crate::session::handle::{
+    CalibrationRequest, CalibrationSnapshot, QueueRequest, QueueSnapshot, QueuedSession, SessionSnapshot,
+};
 use crate::session::plan::{CapturePlan, StartRequest};
 use crate::session::state::Verb;
 use serde::Deserialize;
@@ -211,6 +213,49 @@ impl Client {
     pub fn command_calibration(&self, id: &str, verb: Verb) -> Result<CalibrationSnapshot, ClientError> {
         let url = self.of_calibration(id, &format!("/{verb}"))?;
         self.read(self.agent.post(url).send_empty())
+    }
+
+    /// The queue.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn queue(&self) -> Result<QueueSnapshot, ClientError> {
+        self.read(self.agent.get(format!("{}/v1/queue", self.base)).call())
+    }
+
+    /// Puts a session at the end of the queue.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn enqueue(&self, request: &QueueRequest) -> Result<QueuedSession, ClientError> {
+        self.read(self.agent.post(format!("{}/v1/queue", self.base)).send_json(request))
+    }
+
+    /// Takes an entry out of the queue.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn dequeue(&self, id: &str) -> Result<(), ClientError> {
+        check_id(id, "entry of the queue: see `rigd queue list`")?;
+        self.accepted(self.agent.delete(format!("{}/v1/queue/{id}", self.base)).call()).map(|_| ())
+    }
+
+    /// Makes an entry the next one.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn queue_first(&self, id: &str) -> Result<QueueSnapshot, ClientError> {
+        check_id(id, "entry of the queue: see `rigd queue list`")?;
+        self.read(self.agent.post(format!("{}/v1/queue/{id}/first", self.base)).send_empty())
+    }
+
+    /// Holds the queue, or lets it go on.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn hold_queue(&self, held: bool) -> Result<QueueSnapshot, ClientError> {
+        let verb = if held { "hold" } else { "release" };
+        self.read(self.agent.post(format!("{}/v1/queue/{verb}", self.base)).send_empty())
     }
 
     /// Sequence numbers of a session's events above `after`, as they come, until the stream ends or breaks.

@@ -1,0 +1,114 @@
+//! The thread that starts what is due, one session after another.
+
+use super::Queue;
+use crate::session::book::{Book, Entry, Inner};
+use crate::session::handle::{EngineError, EngineHandle};
+use crate::session::state::SessionState;
+use jiff::Timestamp;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often a queue with entries is looked at when nothing happens: times come without an event.
+const LOOK: Duration = Duration::from_secs(1);
+/// Wait after a session that ended without a frame, and after a lack of room: the rig cannot work now, and the next would fail alike.
+const UNFIT: Duration = Duration::from_secs(300);
+
+/// Starts the thread; it ends with the daemon.
+pub fn spawn(book: Arc<Book>, engine: EngineHandle) -> std::io::Result<()> {
+    let dispatcher = Dispatcher { book, engine, not_before: Instant::now() };
+    std::thread::Builder::new().name("queue".into()).spawn(move || dispatcher.run()).map(|_| ())
+}
+
+struct Dispatcher {
+    book: Arc<Book>,
+    engine: EngineHandle,
+    not_before: Instant,
+}
+
+/// What there is to do.
+enum Next {
+    End,
+    /// A run of this entry ended so.
+    Settle {
+        entry: String,
+        state: SessionState,
+        reason: Option<String>,
+        frames: usize,
+    },
+    /// It is this entry's turn.
+    Start {
+        entry: String,
+    },
+}
+
+impl Dispatcher {
+    fn run(mut self) {
+        loop {
+            let not_before = self.not_before;
+            match self.book.wait(LOOK, |inner| next(inner, not_before)) {
+                None => {}
+                Some(Next::End) => return,
+                Some(Next::Settle { entry, state, reason, frames }) => {
+                    if frames == 0 && matches!(state, SessionState::Failed | SessionState::Interrupted) {
+                        self.not_before = Instant::now() + UNFIT;
+                    }
+                    self.change(|queue| queue.ended(&entry, state, reason.as_deref()));
+                }
+                Some(Next::Start { entry }) => self.start(&entry),
+            }
+        }
+    }
+
+    /// The key makes a session that was started, but not written down as such, be found instead of started again.
+    fn start(&mut self, id: &str) {
+        let entry = self.book.lock().queue.entries.iter().find(|entry| entry.id == id).cloned();
+        let Some(entry) = entry else { return };
+        let key = format!("queue {id} run {}", entry.started + 1);
+        match self.engine.start(&entry.request.session, Some(&key)) {
+            Ok(started) => self.change(|queue| queue.started(id, &started.snapshot.id, Timestamp::now())),
+            // Somebody was faster.
+            Err(EngineError::Busy { .. } | EngineError::Gone) => {}
+            Err(error @ (EngineError::NoSpace { .. } | EngineError::Storage(_))) => {
+                tracing::warn!(entry = id, %error, "the queue waits");
+                self.not_before = Instant::now() + UNFIT;
+            }
+            Err(error) => self.change(|queue| {
+                if let Some(entry) = queue.entries.iter_mut().find(|entry| entry.id == id) {
+                    entry.refused = Some(error.to_string());
+                }
+            }),
+        }
+    }
+
+    /// A change that cannot be written is not made: what led to it is met again at the next look.
+    fn change(&mut self, change: impl FnOnce(&mut Queue)) {
+        if let Err(error) = self.book.lock().change_queue(change) {
+            tracing::error!(%error, "the queue is not written");
+            self.not_before = Instant::now() + UNFIT;
+        }
+        self.book.nudge();
+    }
+}
+
+fn next(inner: &mut Inner, not_before: Instant) -> Option<Next> {
+    if inner.shutdown || inner.ended {
+        return Some(Next::End);
+    }
+    if let Some((entry, session)) = inner.queue.running() {
+        let ledger = inner.entry(session).ok().map(|run| &run.ledger);
+        let Some(ledger) = ledger else {
+            let reason = Some("its directory is gone".to_owned());
+            return Some(Next::Settle { entry: entry.to_owned(), state: SessionState::Failed, reason, frames: 0 });
+        };
+        let snapshot = &ledger.snapshot;
+        return snapshot.state.is_final().then(|| Next::Settle {
+            entry: entry.to_owned(),
+            state: snapshot.state,
+            reason: snapshot.reason.clone(),
+            frames: snapshot.frames_committed,
+        });
+    }
+    let idle = inner.active().map(Entry::state).is_none();
+    let due = inner.queue.due(Timestamp::now()).filter(|_| idle && Instant::now() >= not_before)?;
+    Some(Next::Start { entry: due.id.clone() })
+}
