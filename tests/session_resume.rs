@@ -200,3 +200,119 @@ fn the_fourth_take_up_without_a_frame_is_left_to_the_operator() {
     wait_for(&engine, &id, S::Completed);
     assert_whole(&fakes, &engine, &id);
 }
+
+/// Frames are pictures: what no record knows is set aside, what is not ours is left, and a journal that says nothing costs nothing.
+#[test]
+fn nothing_that_may_be_a_frame_is_ever_removed() {
+    let damages: [(&str, fn(Vec<u8>) -> Vec<u8>); 4] = [
+        ("empty", |_| Vec::new()),
+        ("zeros", |bytes| vec![0; bytes.len()]),
+        ("a last line that somebody wrote over", |bytes| {
+            let cut = bytes[..bytes.len() - 1].iter().rposition(|&b| b == b'\n').unwrap() + 1;
+            [&bytes[..cut], &vec![b'x'; bytes.len() - cut - 1], b"\n"].concat()
+        }),
+        ("torn", |bytes| bytes[..bytes.len() - 9].to_vec()),
+    ];
+    for (what, damage) in damages {
+        let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+        let id = ended_after(&fakes, data.path(), 3);
+        let session = data.path().join("sessions").join(&id);
+        let journal = session.join("journal.jsonl");
+        // As a crash leaves it: the last record is a committed frame.
+        let text = std::fs::read_to_string(&journal).unwrap();
+        let frame = text.lines().rposition(|line| line.contains("frame.committed")).unwrap();
+        let kept = text.lines().take(frame + 1).collect::<Vec<_>>().join("\n") + "\n";
+        std::fs::write(&journal, damage(kept.into_bytes())).unwrap();
+        for (name, bytes) in [("note.txt", "mine"), (".000-01.jpg.tmp", "half"), ("002-01.jpg", "whole")] {
+            std::fs::write(session.join("frames").join(name), bytes).unwrap();
+        }
+        std::fs::create_dir(session.join("frames/lost+found")).unwrap();
+        let before: BTreeSet<_> = pictures(&session);
+        let engine = fakes.engine(data.path());
+        let whole = engine.session(&id).unwrap();
+        assert_eq!(pictures(&session), before, "{what}");
+        assert!(session.join("frames/note.txt").exists() && session.join("frames/lost+found").exists(), "{what}");
+        if what == "torn" {
+            assert!(!session.join("frames/.000-01.jpg.tmp").exists());
+            wait_for(&engine, &id, S::Completed);
+            assert_whole(&fakes, &engine, &id);
+        } else {
+            assert!(whole.reason.unwrap().contains("damaged: line"), "{what}");
+            assert_eq!(whole.state, S::Interrupted, "{what}");
+        }
+    }
+}
+
+/// Contents of all whole frames of a session, wherever they lie.
+fn pictures(session: &Path) -> BTreeSet<Vec<u8>> {
+    let shelves = ["frames", "unacknowledged"].map(|shelf| std::fs::read_dir(session.join(shelf)));
+    let files = shelves.into_iter().flatten().flatten().flatten().map(|entry| entry.path());
+    files.filter(|path| path.extension().is_some_and(|e| e == "jpg")).map(|path| std::fs::read(path).unwrap()).collect()
+}
+
+/// What is no file of ours must neither hang the daemon nor keep it down.
+#[test]
+fn damaged_directories_are_left_alone_and_the_rest_works() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let id = ended_after(&fakes, data.path(), 3);
+    let shelf = data.path().join("sessions");
+    let pipe = |path: &Path| nix::unistd::mkfifo(path, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    for (name, damage) in [
+        ("pipe-for-a-journal", Box::new(|run: &Path| {
+            std::fs::remove_file(run.join("journal.jsonl")).unwrap();
+            pipe(&run.join("journal.jsonl"));
+        }) as Box<dyn Fn(&Path)>),
+        ("a-copy", Box::new(|_| {})),
+        ("no-manifest", Box::new(|run| std::fs::remove_file(run.join("manifest.json")).unwrap())),
+    ] {
+        let run = shelf.join(name);
+        std::fs::create_dir_all(run.join("frames")).unwrap();
+        for file in ["manifest.json", "journal.jsonl"] {
+            std::fs::copy(shelf.join(&id).join(file), run.join(file)).unwrap();
+        }
+        damage(&run);
+    }
+    std::fs::write(shelf.join(".new-x"), "no directory").unwrap();
+    let frame = shelf.join(&id).join("frames/000-00.jpg");
+    std::fs::remove_file(&frame).unwrap();
+    pipe(&frame);
+    let engine = fakes.engine(data.path());
+    wait_for(&engine, &id, S::Completed);
+    assert_eq!(events(&engine, &id, "frame.lost").len(), 1);
+    assert_eq!(engine.sessions().len(), 1);
+}
+
+/// A port that was corrected and a comment are no other rig; another lamp is.
+#[test]
+fn what_does_not_change_a_picture_may_change() {
+    let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "zheng-2008").unwrap();
+    for (now, goes_on) in [
+        (text.replace("settle_s = ", "# a comment\nsettle_s = 1"), true),
+        (text.replace("usb-rigd_light_arm-if00", "usb-another"), true),
+        (text.replace("level_permille = ", "level_permille = 1"), false),
+        (text.replace("iso = 100", "iso = 200"), false),
+    ] {
+        assert_ne!(&now, text);
+        let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+        let mut own = rig();
+        own.storage.resume_at_start = false;
+        let engine = fakes.engine_of(data.path(), own.clone(), text).unwrap();
+        let gate = fakes.gate_at(3);
+        let id = begin(&engine);
+        gate.reached();
+        let ending = std::thread::spawn({
+            let engine = engine.clone();
+            move || engine.shutdown().unwrap()
+        });
+        gate.open();
+        ending.join().unwrap();
+        drop(engine);
+        fakes.on_shot(|_, _, _| Act::Good);
+        let engine = fakes.engine_of(data.path(), own, &now).unwrap();
+        match (engine.command(&id, Verb::Resume), goes_on) {
+            (Ok(_), true) => drop(wait_for(&engine, &id, S::Completed)),
+            (Err(EngineError::RigChanged { .. }), false) => {}
+            (other, _) => panic!("{other:?}"),
+        }
+    }
+}

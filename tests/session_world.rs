@@ -88,7 +88,7 @@ impl World {
                 let _board = &simulated;
                 Ok(Box::new(RigprotoArm::open(settings.clone())?))
             }),
-            open_camera: Box::new(move || {
+            open_camera: Box::new(move |_| {
                 let simulation = camera_rig.simulation.as_ref().unwrap();
                 let (pose, faults) = (camera_pose.clone(), camera_faults.clone());
                 Ok(Box::new(SimulatedCamera::new(&camera_rig, simulation, pose, faults)))

@@ -93,7 +93,7 @@ fn engine(data: &Path, ringing: Option<Ringing>) -> EngineHandle {
         open_arm: Box::new(move || {
             Ok(Box::new(SwingingArm { pose: pose.clone(), ringing, at_deg: 0.0, lamp_permille: 0 }) as Box<dyn Arm>)
         }),
-        open_camera: Box::new(move || {
+        open_camera: Box::new(move |_| {
             let faults = CameraFaults::default();
             Ok(Box::new(SimulatedCamera::new(&camera_rig, &simulation, camera_pose.clone(), faults)))
         }),

@@ -158,7 +158,7 @@ fn a_journal_changed_by_hand_is_reported_and_left_as_it_is() {
     std::fs::write(&path, &changed).unwrap();
     let engine = fakes.engine(data.path());
     let session = engine.session(&id).unwrap();
-    assert!(session.reason.unwrap().contains("the journal is broken at line"));
+    assert!(session.reason.unwrap().contains("damaged: line"));
     assert_eq!(session.state, S::Interrupted);
     assert_eq!(std::fs::read_to_string(&path).unwrap(), changed);
 }

@@ -95,7 +95,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget", "camera.recovery", "frame.lost"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;
@@ -123,7 +123,8 @@ async function showSession(id) {
   $("session").hidden = false;
   $("name").textContent = s.name + (s.simulated ? " (simulated)" : "");
   $("state").textContent = s.state;
-  $("reason").textContent = s.reason || "";
+  $("reason").textContent = (s.reason || "")
+    + (s.state === "interrupted" ? ". Put right what is wrong, then Resume goes on with the stations that are missing." : "");
   for (const button of $("verbs").children) button.disabled = !VERBS[button.dataset.verb].includes(s.state);
   $("progress").max = s.frames_planned || 1;
   $("progress").value = s.frames_committed;

@@ -39,7 +39,7 @@ impl Bench {
     }
 
     fn open(&self) -> Result<Gphoto2Camera, CameraError> {
-        Gphoto2Camera::open(self.settings.clone())
+        Gphoto2Camera::open(self.settings.clone(), &Cancel::default())
     }
 }
 
@@ -86,7 +86,7 @@ fn a_call_that_never_returns_ends_at_its_deadline() {
 fn opening_hangs() {
     let bench = Bench::new(&["1"]);
     bench.usb.faults().inject(Fault::UsbNoReturn(Moment::Any), 1);
-    let mut worker = Worker::start(&bench.settings.worker).unwrap();
+    let mut worker = Worker::start(&bench.settings.worker, &|| false).unwrap();
     let open = Request::Open { model: None, port: None, serial: None };
     let deadline = Duration::from_secs_f64(open.deadline_s());
     let begin = Instant::now();

@@ -96,6 +96,8 @@ fn check_text(text: &str, schema: &Json, refuse: &mut impl FnMut(String)) {
         }
     } else if schema["minLength"].as_u64().is_some_and(|least| length < least) {
         refuse("is empty: write something or remove the key".into());
+    } else if text.chars().any(char::is_control) {
+        refuse("holds a control character: remove it".into());
     } else if let Some(most) = schema["maxLength"].as_u64().filter(|most| length > *most) {
         refuse(format!("has {length} characters: write at most {most}"));
     }

@@ -73,10 +73,10 @@ pub(crate) struct RawArm {
     #[schemars(range(min = -720, max = 720))]
     pub grbl_zero_deg: Option<f64>,
     /// Greatest speed, degrees per second.
-    #[schemars(range(max = 1000), extend("exclusiveMinimum" = 0))]
+    #[schemars(range(min = 0.001, max = 1000))]
     pub speed_deg_s: f64,
     /// Acceleration, degrees per second squared.
-    #[schemars(range(max = 10000), extend("exclusiveMinimum" = 0))]
+    #[schemars(range(min = 0.001, max = 10000))]
     pub acceleration_deg_s2: f64,
     /// Permitted angles, degrees: lower, upper.
     #[schemars(inner(range(min = -360, max = 360)))]

@@ -113,6 +113,24 @@ impl Rig {
     pub fn is_simulated(&self) -> bool {
         self.arm.driver == ArmDriver::Simulated || self.camera.driver == CameraDriver::Simulated
     }
+
+    /// True when frames of both rigs belong together: one kind of arm, one lamp, one camera, one object. Ports, speeds, waits, plans and
+    /// the like may differ.
+    pub fn sees_like(&self, other: &Self) -> bool {
+        let angle = |rig: &Self| match &rig.arm.driver {
+            ArmDriver::Rigproto { .. } => (1, 0.0),
+            ArmDriver::Grbl { zero_deg, .. } => (2, *zero_deg),
+            ArmDriver::Simulated => (3, 0.0),
+        };
+        let lamp = |rig: &Self| Lamp { soak_s: 0.0, ..rig.lamp.clone() };
+        let camera = |rig: &Self| Camera { driver: CameraDriver::Simulated, ..rig.camera.clone() };
+        let world = |rig: &Self| rig.simulation.clone().map(|world| Simulation { speed: 1.0, ..world });
+        angle(self) == angle(other)
+            && lamp(self) == lamp(other)
+            && camera(self) == camera(other)
+            && self.object == other.object
+            && world(self) == world(other)
+    }
 }
 
 /// How the camera is reached.

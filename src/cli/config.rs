@@ -23,7 +23,7 @@ enum Command {
     },
     /// Print a shipped rig file, to start your own from.
     Show {
-        /// Its name: zheng-2008 or simulated.
+        /// Its name: zheng-2008, simulated or simulated-calibration.
         name: String,
     },
 }

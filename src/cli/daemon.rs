@@ -182,18 +182,18 @@ fn camera_factory(rig: &Rig, pose: &SharedPose, operator: &Operator, body: &Know
     match (&rig.camera.driver, &rig.simulation) {
         (CameraDriver::Gphoto2 { .. }, _) => {
             let settings = gphoto2_settings(rig, body)?;
-            Ok(Box::new(move || {
+            Ok(Box::new(move |cancel| {
                 check_camera(settings.port.as_deref())?;
-                Ok(Box::new(Gphoto2Camera::open(settings.clone())?) as Box<dyn Camera>)
+                Ok(Box::new(Gphoto2Camera::open(settings.clone(), cancel)?) as Box<dyn Camera>)
             }))
         }
         (CameraDriver::Replay { directory }, _) => {
             let (directory, exposures) = (directory.clone(), rig.plan.exposures.len());
-            Ok(Box::new(move || Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
+            Ok(Box::new(move |_| Ok(Box::new(ReplayCamera::open(&directory, exposures)?) as Box<dyn Camera>)))
         }
         (CameraDriver::Simulated, Some(simulation)) => {
             let (rig, simulation, pose, operator) = (rig.clone(), simulation.clone(), pose.clone(), operator.clone());
-            Ok(Box::new(move || {
+            Ok(Box::new(move |_| {
                 let camera = SimulatedCamera::new(&rig, &simulation, pose.clone(), CameraFaults::default());
                 Ok(Box::new(operator.attend(camera)) as Box<dyn Camera>)
             }))
@@ -219,9 +219,9 @@ pub(super) fn gphoto2_settings(rig: &Rig, body: &KnownBody) -> anyhow::Result<Gp
 fn camera_remedies(rig: &Rig, body: &KnownBody) -> Vec<Remedy> {
     let CameraDriver::Gphoto2 { power_hook, .. } = &rig.camera.driver else { return Vec::new() };
     let body = body.clone();
-    let mut all = vec![Remedy { name: "usb reset", apply: Box::new(move || remedies::reset_usb(&body)) }];
+    let mut all = vec![Remedy { name: "usb reset", apply: Box::new(move |cancel| remedies::reset_usb(&body, cancel)) }];
     if let Some(hook) = power_hook.clone() {
-        all.push(Remedy { name: "power hook", apply: Box::new(move || remedies::switch_power(&hook)) });
+        all.push(Remedy { name: "power hook", apply: Box::new(move |cancel| remedies::switch_power(&hook, cancel)) });
     }
     all
 }

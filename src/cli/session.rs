@@ -48,7 +48,7 @@ enum SessionCommand {
     Watch { id: String },
     /// Pause at the next safe point.
     Pause { id: String },
-    /// Go on after a pause or suspension.
+    /// Go on after a pause, a suspension, or an interruption: stations that are whole are kept.
     Resume { id: String },
     /// End early, clean up, keep and fit what is there.
     Stop { id: String },
@@ -102,7 +102,9 @@ fn follow(url: &str, id: &str) -> anyhow::Result<()> {
 /// `is failed: no answer from the camera`, `is aborted`.
 pub(super) fn how_it_ended(s: &SessionSnapshot) -> String {
     let reason = s.reason.as_ref().map(|reason| format!(": {reason}"));
-    format!("is {}{}", s.state, reason.unwrap_or_default())
+    let resume = (s.state == SessionState::Interrupted)
+        .then(|| format!("; put right what is wrong, then `rigd session resume {}` goes on with it", s.id));
+    format!("is {}{}{}", s.state, reason.unwrap_or_default(), resume.unwrap_or_default())
 }
 
 /// A session in one line.

@@ -1,6 +1,6 @@
 //! Calibrations: start, list, look at; tell that what is asked for is in place; abort; the result.
 
-use super::extract::{CalibrationId, Json};
+use super::extract::{CalibrationId, Json, NoQuery, Query};
 use super::problem::Problem;
 use super::{HttpState, ask};
 use crate::session::handle::{CalibrationRequest, CalibrationSnapshot};
@@ -29,6 +29,7 @@ use utoipa::ToSchema;
 ))]
 pub(super) async fn start(
     State(state): State<HttpState>,
+    Query(NoQuery {}): Query<NoQuery>,
     Json(request): Json<CalibrationRequest>,
 ) -> Result<Response, Problem> {
     let started = ask(&state, move |engine| engine.start_calibration(&request)).await?;

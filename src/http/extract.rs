@@ -73,6 +73,11 @@ pub(super) struct SessionId(pub String);
 /// The same of a calibration.
 pub(super) struct CalibrationId(pub String);
 
+/// No query at all: one that is not understood must not be passed over, it may have meant that nothing moves.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NoQuery {}
+
 /// The same of an entry of the queue.
 pub(super) struct EntryId(pub String);
 

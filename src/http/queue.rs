@@ -1,6 +1,6 @@
 //! The queue: what waits for the rig.
 
-use super::extract::{EntryId, Json};
+use super::extract::{EntryId, Json, NoQuery, Query};
 use super::problem::Problem;
 use super::{HttpState, ask};
 use crate::session::handle::{QueueRequest, QueueSnapshot, QueuedSession};
@@ -21,7 +21,7 @@ pub(super) async fn show(State(state): State<HttpState>) -> Result<axum::Json<Qu
 /// It is started when the rig is free, no earlier entry is due and its time has come; `runs` times. Its place survives the daemon.
 #[utoipa::path(post, path = "/v1/queue", tag = "queue", request_body = QueueRequest, responses(
     (status = 201, body = QueuedSession, description = "At the end of the queue.", headers(("Location" = String, description = "Path of the entry."))),
-    (status = 400, description = "No JSON."),
+    (status = 400, description = "No JSON, or a query."),
     (status = 413, description = "The body is too large."),
     (status = 415, description = "The body is not sent as application/json."),
     (status = 422, description = "The session or its times are refused, `reasons` lists why."),
@@ -29,6 +29,7 @@ pub(super) async fn show(State(state): State<HttpState>) -> Result<axum::Json<Qu
 ))]
 pub(super) async fn add(
     State(state): State<HttpState>,
+    Query(NoQuery {}): Query<NoQuery>,
     Json(request): Json<QueueRequest>,
 ) -> Result<Response, Problem> {
     let queued = ask(&state, move |engine| engine.enqueue(&request)).await?;

@@ -188,8 +188,9 @@ impl<'a> Acquisition<'a> {
             match trouble {
                 Trouble::Arm(reason) => {
                     let begin = Instant::now();
-                    self.recover(reason)?;
+                    let recovered = self.recover(reason);
                     self.spend(Stage::Recovery, begin);
+                    recovered?;
                 }
                 Trouble::Frame(reason) => return Ok(Err(reason)),
                 Trouble::End(ended) => return Err(ended),
@@ -263,8 +264,9 @@ impl<'a> Acquisition<'a> {
             let attempt = *attempt;
             let shot = self.shot(station, exposure)?;
             let begin = Instant::now();
-            let taken = self.shoot(&shot)?;
+            let taken = self.shoot(&shot);
             self.spend_shot(&shot, &taken, begin.elapsed());
+            let taken = taken?;
             match taken {
                 Taken::Good(frame, fingerprint, since_rest_s) => {
                     let begin = Instant::now();

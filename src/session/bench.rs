@@ -10,14 +10,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 /// Opens the arm; the composition root knows which.
 pub type OpenArm = Box<dyn FnMut() -> Result<Box<dyn Arm>, ArmError> + Send>;
 /// Opens the camera; the composition root knows which.
-pub type OpenCamera = Box<dyn FnMut() -> Result<Box<dyn Camera>, CameraError> + Send>;
+pub type OpenCamera = Box<dyn FnMut(&Cancel) -> Result<Box<dyn Camera>, CameraError> + Send>;
 
 /// What may bring back a camera that a new driver does not.
 pub struct Remedy {
     /// As the journal names it.
     pub name: &'static str,
     /// Does it; the error is a sentence.
-    pub apply: Box<dyn FnMut() -> Result<(), String> + Send>,
+    pub apply: Box<dyn FnMut(&Cancel) -> Result<(), String> + Send>,
 }
 
 /// The devices of the rig, open only while a session needs them.
@@ -39,8 +39,8 @@ impl Bench {
     }
 
     /// Opens arm and camera; says who answered: firmware, model.
-    pub fn open(&mut self) -> Result<(String, String), String> {
-        self.reopen_camera().map_err(|e| e.to_string())?;
+    pub fn open(&mut self, cancel: &Cancel) -> Result<(String, String), String> {
+        self.reopen_camera(cancel).map_err(|e| e.to_string())?;
         self.unsafe_since_clean_up = true;
         self.open_arm().map_err(|e| e.to_string())?;
         let firmware = self.arm.as_ref().map(|a| a.identity().firmware).unwrap_or_default();
@@ -71,11 +71,11 @@ impl Bench {
     }
 
     /// Leaves a camera that no longer answers behind and opens it anew.
-    pub fn reopen_camera(&mut self) -> Result<(), CameraError> {
+    pub fn reopen_camera(&mut self, cancel: &Cancel) -> Result<(), CameraError> {
         if let Some(camera) = self.camera.take() {
             camera.release();
         }
-        self.camera = Some(CameraHandle::new((self.open_camera)()?, CALL_GRACE_S)?);
+        self.camera = Some(CameraHandle::new((self.open_camera)(cancel)?, CALL_GRACE_S)?);
         Ok(())
     }
 
@@ -106,12 +106,12 @@ impl Bench {
     }
 
     /// Applies a remedy to the camera, which is let go of before; its name, and what kept it from working.
-    pub fn apply_remedy(&mut self, index: usize) -> Result<&'static str, (&'static str, String)> {
+    pub fn apply_remedy(&mut self, index: usize, cancel: &Cancel) -> Result<&'static str, (&'static str, String)> {
         if let Some(camera) = self.camera.take() {
             camera.release();
         }
         let remedy = self.remedies.get_mut(index).ok_or(("remedy", format!("there is no remedy {index}")))?;
-        (remedy.apply)().map(|()| remedy.name).map_err(|why| (remedy.name, why))
+        (remedy.apply)(cancel).map(|()| remedy.name).map_err(|why| (remedy.name, why))
     }
 
     /// Stops the arm, switches the lamp off, parks, lets go of both devices. Returns what could not be done.
@@ -129,11 +129,16 @@ impl Bench {
             }
         }
         self.arm = None;
-        self.unsafe_since_clean_up = false;
+        self.unsafe_since_clean_up = !faults.is_empty();
         if self.camera.take().is_some_and(|camera| !camera.release()) {
             faults.push("the camera's driver does not come back: switch the camera off and on".into());
         }
         faults
+    }
+
+    /// True while the lamp may be on or the arm away from its park position, as far as is known.
+    pub fn is_unsafe(&self) -> bool {
+        self.unsafe_since_clean_up
     }
 
     /// One try; opens the arm if it is not open.

@@ -16,12 +16,26 @@ use crate::store::journal::{self, Journal};
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
 use crate::store::{Store, StoreError};
+use rig_config::Rig;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
+
+/// A wait without an end of its own is renewed this often.
+const LONG: Duration = Duration::from_secs(3600);
+
+/// What the engine finds to do.
+pub enum Next {
+    /// This run.
+    Run(String),
+    /// Nothing came in time.
+    Nothing,
+    /// The daemon ends.
+    End,
+}
 
 /// All runs, shared.
 pub struct Book {
@@ -48,6 +62,8 @@ pub struct Inner {
     pub queue: Queue,
     /// Why arm or camera could not be used last time.
     pub device_fault: Option<String>,
+    /// That fault is a lamp that may be on.
+    pub lamp_fault: bool,
 }
 
 /// One run.
@@ -122,8 +138,8 @@ impl Book {
     pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
         let (found, unreadable) = store.runs()?;
         let queue = Queue::read(&store)?;
-        for error in unreadable {
-            tracing::warn!(%error, "a session directory is left alone");
+        for error in &unreadable {
+            tracing::error!(%error, "a session directory is left alone");
         }
         let mut inner = Inner {
             store,
@@ -133,10 +149,12 @@ impl Book {
             ended: false,
             queue,
             device_fault: None,
+            lamp_fault: false,
         };
-        let mut interrupted = 0;
+        // One that cannot be read may have been running.
+        let mut interrupted = unreadable.len();
         for session in found {
-            interrupted += usize::from(inner.take_in(session)?);
+            interrupted += usize::from(inner.take_in(session));
         }
         let total = inner.runs.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
         let (changes, _) = watch::channel(total);
@@ -170,20 +188,21 @@ impl Book {
         self.lock().pending.is_some()
     }
 
-    /// Waits for a session to run; none once the daemon ends.
-    pub fn next_session(&self) -> Option<String> {
-        let mut inner = self.lock();
+    /// Waits for a run, for `at_most` if that is given, or for the daemon's end.
+    pub fn next_session(&self, at_most: Option<Duration>) -> Next {
+        let look = |inner: &mut Inner| {
+            let run = inner.pending.take();
+            if run.is_some() && !inner.shutdown {
+                self.cancel.clear();
+            }
+            run.map(Next::Run).or_else(|| inner.shutdown.then_some(Next::End))
+        };
         loop {
-            if let Some(id) = inner.pending.take() {
-                if !inner.shutdown {
-                    self.cancel.clear();
-                }
-                return Some(id);
+            match (self.wait(at_most.unwrap_or(LONG), look), at_most) {
+                (Some(next), _) => return next,
+                (None, Some(_)) => return Next::Nothing,
+                (None, None) => {}
             }
-            if inner.shutdown {
-                return None;
-            }
-            inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
@@ -292,7 +311,7 @@ impl Inner {
     pub fn take_up(&mut self, id: &str, rig_text: &str, reason: &str) -> Result<&Entry, EngineError> {
         self.check_idle()?;
         let entry = self.runs.get_mut(id).ok_or_else(|| unknown(id))?;
-        if entry.manifest.rig_file != rig_text {
+        if !same_rig(&entry.manifest.rig_file, rig_text) {
             return Err(EngineError::RigChanged { id: id.to_owned() });
         }
         let snapshot = &entry.ledger.snapshot;
@@ -300,6 +319,7 @@ impl Inner {
         let left = frames.saturating_sub(snapshot.frames_committed as u64);
         let plan_bytes = entry.work.capture().map_or(0, |plan| plan.estimated_bytes);
         self.store.check_space(plan_bytes / frames * left)?;
+        Store::make_shelves(&entry.directory)?;
         entry.journal = Some(self.store.open_journal(&entry.directory, &entry.manifest)?);
         entry.tail = journal::read(&entry.directory.join(journal::FILE))?.records;
         entry.worker_fault = None;
@@ -396,6 +416,12 @@ impl Inner {
         let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
         Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
     }
+}
+
+/// Whether frames of both rigs belong together: one lamp, one camera, one geometry, one hidden world. Ports, speeds and plans may differ.
+fn same_rig(before: &str, now: &str) -> bool {
+    let read = |text: &str| Rig::from_toml(text, "").ok();
+    before == now || read(before).zip(read(now)).is_some_and(|(before, now)| before.sees_like(&now))
 }
 
 fn unknown(id: &str) -> EngineError {

@@ -3,7 +3,7 @@
 
 use super::acquire::{Acquisition, Ended};
 use super::bench::{Bench, OpenArm, OpenCamera, Remedy};
-use super::book::{Book, Entry};
+use super::book::{Book, Entry, Next};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
 use super::queue;
@@ -17,6 +17,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Wait between two tries to put out a lamp that may be on.
+const SAFE_AGAIN: Duration = Duration::from_secs(5);
 
 /// How often a session is taken up at the daemon's start without a frame in between: it may be what ends the daemon.
 const TAKEN_UP: usize = 3;
@@ -47,12 +51,13 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     if !(speed.is_finite() && speed > 0.0) {
         return Err(EngineError::Storage(format!("simulation.speed is {speed}: it must be a positive number")));
     }
+    let unsafe_before = store.is_marked_unsafe();
     let (book, interrupted) = Book::open(store)?;
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
     let (jobs, worker) = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
-    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0);
+    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0 || unsafe_before);
     if rig.storage.resume_at_start {
         resume(&book, &rig_text);
     }
@@ -80,7 +85,13 @@ fn resume(book: &Book, rig_text: &str) {
     }
     match inner.take_up(&id, rig_text, "taken up again after the daemon ended") {
         Ok(_) => tracing::info!(session = id, "taken up again"),
-        Err(error) => tracing::error!(session = id, %error, "not taken up again"),
+        Err(error) => {
+            tracing::error!(session = id, %error, "not taken up again");
+            if let Some(entry) = inner.runs.get_mut(&id) {
+                let reason = entry.ledger.snapshot.reason.take().unwrap_or_default();
+                entry.ledger.snapshot.reason = Some(format!("{reason}; not taken up again: {error}"));
+            }
+        }
     }
 }
 
@@ -96,13 +107,42 @@ impl Engine {
     fn run(mut self) {
         // A session that is taken up opens the arm, which puts the lamp out, and is cleaned up after in its turn.
         if !self.book.has_work() {
-            for fault in self.bench.clean_up() {
-                tracing::error!(fault, "clean-up after a crash");
+            self.make_safe();
+        }
+        loop {
+            match self.book.next_session(self.bench.is_unsafe().then_some(SAFE_AGAIN)) {
+                Next::Run(id) => self.run_session(&id),
+                Next::Nothing => self.make_safe(),
+                Next::End => break,
             }
         }
-        while let Some(id) = self.book.next_session() {
-            self.run_session(&id);
+        if self.bench.is_unsafe() {
+            self.make_safe();
         }
+    }
+
+    /// Cleans up outside a session: after a crash, and again and again after a clean-up that failed.
+    fn make_safe(&mut self) {
+        let faults = self.bench.clean_up();
+        self.note_safety(&faults);
+    }
+
+    /// Remembers, over the end of the daemon as well, that the lamp may be on; readiness says so.
+    fn note_safety(&self, faults: &[String]) {
+        for fault in faults {
+            tracing::error!(fault, "clean-up");
+        }
+        let mut inner = self.book.lock();
+        let fault = self.bench.is_unsafe().then(|| faults.join("; "));
+        if let Err(error) = inner.store.mark_unsafe(fault.as_deref()) {
+            tracing::error!(%error, "that the lamp may be on is not written down");
+        }
+        match fault {
+            Some(fault) => inner.device_fault = Some(fault),
+            None if inner.lamp_fault => inner.device_fault = None,
+            None => {}
+        }
+        inner.lamp_fault = self.bench.is_unsafe();
     }
 
     /// Acquire, clean up, fit, conclude: every step runs whatever became of the ones before.
@@ -113,6 +153,7 @@ impl Engine {
             let _ = self.book.happen(id, Event::FramesIn, None);
         }
         let faults = self.bench.clean_up();
+        self.note_safety(&faults);
         for fault in &faults {
             self.book.note(id, "fault.raised", json!({"device": "bench", "reason": fault}));
         }

@@ -1,8 +1,12 @@
 //! Frames on disk: names, and the write that makes one durable before it is journalled.
 
+use super::files::read_bytes;
 use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
 use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
 use std::path::Path;
+
+/// Where frames go that a crash left without a record, beside `frames/`.
+pub const ASIDE: &str = "unacknowledged";
 
 /// File name of a frame; `attempt` counts from 1 the shots made for this cell of the plan.
 pub fn file_name(station: usize, exposure: usize, attempt: usize) -> String {
@@ -32,7 +36,7 @@ pub fn write(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Res
 
 /// Whether a committed frame is still what its journal line says; why not, in words.
 pub fn check(path: &Path, bytes: u64, blake3: &str) -> Result<(), String> {
-    let found = std::fs::read(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
+    let found = read_bytes(path, "frame", bytes).map_err(|reason| format!("{}: {reason}", path.display()))?;
     if found.len() as u64 != bytes {
         return Err(format!("{} has {} bytes, not the {bytes} that were committed", path.display(), found.len()));
     }
@@ -48,29 +52,59 @@ pub fn take_back(disk: &dyn Disk, directory: &Path, name: &str) -> Result<(), St
     sync_directory(disk, directory)
 }
 
-/// The names of all files of `directory`.
+/// The names of all files of `directory`; none when it is gone.
 pub fn names(directory: &Path) -> Result<Vec<String>, StoreError> {
-    let entries = std::fs::read_dir(directory).map_err(|e| io_error("list", directory, &e))?;
+    let entries = match std::fs::read_dir(directory) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(|e| io_error("list", directory, &e))?,
+    };
     let name = |entry: std::io::Result<std::fs::DirEntry>| {
         entry.map(|entry| entry.file_name().to_string_lossy().into_owned()).map_err(|e| io_error("list", directory, &e))
     };
     entries.map(name).collect()
 }
 
-/// Removes every file of `directory` that `journalled` does not know: temporary files and frames that were never acknowledged.
-/// Returns their names.
-pub fn remove_strays(
+/// True for a name that [`file_name`] gives.
+pub fn is_frame(name: &str) -> bool {
+    let digits = |text: &str, least: usize| text.len() >= least && text.bytes().all(|b| b.is_ascii_digit());
+    let Some((station, rest)) = name.strip_suffix(".jpg").and_then(|stem| stem.split_once('-')) else { return false };
+    let (exposure, attempt) = rest.split_once("-a").unwrap_or((rest, "2"));
+    digits(station, 3) && digits(exposure, 2) && digits(attempt, 1)
+}
+
+/// Clears `directory` of what a crash left: temporary files are removed, frames that `journalled` does not know (they were never
+/// acknowledged, but they are pictures) go to the directory [`ASIDE`] beside it, and everything that is not ours is left. Returns the names.
+pub fn set_strays_aside(
     disk: &dyn Disk,
     directory: &Path,
     journalled: impl Fn(&str) -> bool,
 ) -> Result<Vec<String>, StoreError> {
-    let mut removed: Vec<String> = names(directory)?.into_iter().filter(|name| !journalled(name)).collect();
-    for name in &removed {
-        remove_if_there(disk, &directory.join(name))?;
+    let ours = |name: &String| {
+        is_frame(name) && !journalled(name)
+            || name.strip_prefix('.').and_then(|name| name.strip_suffix(".tmp")).is_some_and(is_frame)
+    };
+    let mut strays: Vec<String> = names(directory)?.into_iter().filter(ours).collect();
+    strays.sort();
+    let aside = directory.with_file_name(ASIDE);
+    for name in &strays {
+        let path = directory.join(name);
+        if name.starts_with('.') {
+            remove_if_there(disk, &path)?;
+            continue;
+        }
+        std::fs::create_dir_all(&aside).map_err(|e| io_error("create", &aside, &e))?;
+        disk.before(Step::Rename)
+            .and_then(|()| std::fs::rename(&path, free_name(&aside, name)))
+            .map_err(|e| io_error("set aside", &path, &e))?;
     }
-    if !removed.is_empty() {
+    if !strays.is_empty() {
         sync_directory(disk, directory)?;
     }
-    removed.sort();
-    Ok(removed)
+    Ok(strays)
+}
+
+/// A name in `aside` that nothing has yet: one cell of a plan may be caught by several crashes.
+fn free_name(aside: &Path, name: &str) -> std::path::PathBuf {
+    let numbered = |n: usize| aside.join(if n == 0 { name.to_owned() } else { format!("{n}-{name}") });
+    (0..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| aside.join(name))
 }

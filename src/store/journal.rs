@@ -3,6 +3,7 @@
 //! Every record has `seq`, `time` (RFC 3339), `type`, `session`, `simulated` and `prev` (null in the first). A record counts once
 //! `append` has returned: the line is then on disk. A last line that a crash left half written never counted and is cut.
 
+use super::files::check_regular;
 use super::{Disk, Step, StoreError, io_error, sync_directory};
 use serde_json::{Map, Value, json};
 use std::fs::{File, OpenOptions};
@@ -39,8 +40,14 @@ pub struct Read {
 
 /// Reads a journal without changing it.
 pub fn read(path: &Path) -> Result<Read, StoreError> {
-    let bytes = std::fs::read(path).map_err(|e| io_error("read", path, &e))?;
-    Ok(parse(&bytes))
+    Ok(parse(&bytes_of(path)?))
+}
+
+/// A pipe without a writer would hang for ever, a device has no end.
+fn bytes_of(path: &Path) -> Result<Vec<u8>, StoreError> {
+    let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
+    check_regular(path, "journal").map_err(corrupt)?;
+    std::fs::read(path).map_err(|e| io_error("read", path, &e))
 }
 
 /// Takes lines as long as each follows from the one before.
@@ -52,8 +59,8 @@ fn parse(bytes: &[u8]) -> Read {
         let Some(text) = line.strip_suffix(b"\n") else { break };
         match check(text, read.records.len() as u64 + 1, prev.as_deref()) {
             Ok(record) => read.records.push(record),
-            // Unreadable at the very end is a torn write; anywhere else somebody changed the file.
-            Err(Fault::Unreadable(_)) if last => break,
+            // A page at the very end that never reached the disk reads as zeros; all else that is unreadable was changed.
+            Err(Fault::Unreadable(_)) if last && text.contains(&0) => break,
             Err(Fault::Unreadable(reason) | Fault::Chain(reason)) => {
                 read.fault = Some(format!("line {}: {reason}", read.records.len() + 1));
                 break;
@@ -61,6 +68,10 @@ fn parse(bytes: &[u8]) -> Read {
         }
         prev = Some(hash(text));
         read.length += line.len() as u64;
+    }
+    if read.records.is_empty() && read.fault.is_none() {
+        // The first record is on disk before the session has its name.
+        read.fault = Some("line 1: there is no whole record".into());
     }
     read
 }
@@ -99,7 +110,7 @@ impl Journal {
 
     /// Opens the journal of an earlier session: cuts a torn last line, refuses a broken chain.
     pub fn open(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
-        let bytes = std::fs::read(path).map_err(|e| io_error("read", path, &e))?;
+        let bytes = bytes_of(path)?;
         let read = parse(&bytes);
         let path = path.to_path_buf();
         if let Some(reason) = read.fault {

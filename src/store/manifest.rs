@@ -1,5 +1,6 @@
 //! The manifest of a session: what was meant to happen, on what, with which software.
 
+use super::files::check_regular;
 use super::{Disk, StoreError, io_error, replace};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -62,9 +63,17 @@ pub struct Idempotency {
 /// Reads `directory/manifest.json`.
 pub fn read(directory: &Path) -> Result<Manifest, StoreError> {
     let path = directory.join(FILE);
+    let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
+    check_regular(&path, "manifest").map_err(corrupt)?;
     let bytes = std::fs::read(&path).map_err(|e| io_error("read", &path, &e))?;
-    serde_json::from_slice(&bytes)
-        .map_err(|e| StoreError::Corrupt { path: path.display().to_string(), reason: format!("no manifest: {e}") })
+    let manifest: Manifest = serde_json::from_slice(&bytes).map_err(|e| corrupt(format!("no manifest: {e}")))?;
+    if directory.file_name().is_none_or(|name| name != manifest.id.as_str()) {
+        return Err(corrupt(format!(
+            "it is the manifest of {}: a copy must not be taken for the original",
+            manifest.id
+        )));
+    }
+    Ok(manifest)
 }
 
 /// Writes `directory/manifest.json`; a crash leaves the old one or the new one, never half of either.

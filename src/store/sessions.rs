@@ -2,7 +2,9 @@
 
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
-use super::{Disk, RealDisk, Step, StoreError, frames, io_error, replace, sync_directory, write_synced};
+use super::{
+    Disk, RealDisk, Step, StoreError, frames, io_error, remove_if_there, replace, sync_directory, write_synced,
+};
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -10,6 +12,8 @@ use std::sync::Arc;
 
 /// Prefix of a session directory that is still being made.
 const UNFINISHED: &str = ".new-";
+/// File that says that the lamp may be on.
+const UNSAFE: &str = "lamp-may-be-on";
 
 /// The data directory, held exclusively until it is released or this value is gone.
 pub struct Store {
@@ -66,6 +70,23 @@ impl Store {
         Arc::clone(&self.disk)
     }
 
+    /// Writes down that the lamp may be on and why, or that it is not.
+    pub fn mark_unsafe(&self, fault: Option<&str>) -> Result<(), StoreError> {
+        match fault {
+            Some(fault) => self.write_file(UNSAFE, fault.as_bytes()),
+            None if self.is_marked_unsafe() => {
+                remove_if_there(self.disk.as_ref(), &self.directory.join(UNSAFE))?;
+                sync_directory(self.disk.as_ref(), &self.directory)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Whether an earlier daemon wrote down that the lamp may be on.
+    pub fn is_marked_unsafe(&self) -> bool {
+        self.directory.join(UNSAFE).exists()
+    }
+
     /// A file of the data directory itself; none if there is none.
     pub fn read_file(&self, name: &str) -> Result<Option<Vec<u8>>, StoreError> {
         let path = self.directory.join(name);
@@ -103,10 +124,7 @@ impl Store {
         let shelf = self.directory.join(manifest.shelf());
         let unfinished = shelf.join(format!("{UNFINISHED}{}", manifest.id));
         let last = shelf.join(&manifest.id);
-        for name in ["frames", "radiance"] {
-            let path = unfinished.join(name);
-            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
-        }
+        Self::make_shelves(&unfinished)?;
         manifest::write(self.disk.as_ref(), &unfinished, manifest)?;
         for (name, bytes) in files {
             write_synced(self.disk.as_ref(), &unfinished.join(name), bytes)?;
@@ -123,6 +141,15 @@ impl Store {
         Ok((last, journal, record))
     }
 
+    /// Makes the folders of a run where they are missing.
+    pub fn make_shelves(run: &Path) -> Result<(), StoreError> {
+        for name in ["frames", "radiance"] {
+            let path = run.join(name);
+            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+        }
+        Ok(())
+    }
+
     /// Every run on disk, oldest first, and what could not be read. Directories that a crash left unfinished are removed.
     pub fn runs(&self) -> Result<(Vec<Found>, Vec<StoreError>), StoreError> {
         let (mut found, mut unreadable) = (Vec::new(), Vec::new());
@@ -136,7 +163,9 @@ impl Store {
         for directory in directories {
             let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             if name.starts_with(UNFINISHED) {
-                std::fs::remove_dir_all(&directory).map_err(|e| io_error("remove", &directory, &e))?;
+                if let Err(error) = std::fs::remove_dir_all(&directory) {
+                    unreadable.push(io_error("remove", &directory, &error));
+                }
                 continue;
             }
             match read_session(&directory) {
@@ -153,13 +182,13 @@ impl Store {
         Journal::open(&directory.join(journal::FILE), &manifest.id, manifest.simulated, self.disk())
     }
 
-    /// Removes what a crash left in `frames/` and the journal does not know; returns the names.
-    pub fn remove_strays(
+    /// Sets aside what a crash left in `frames/` and the journal does not know; returns the names.
+    pub fn set_strays_aside(
         &self,
         directory: &Path,
         journalled: impl Fn(&str) -> bool,
     ) -> Result<Vec<String>, StoreError> {
-        frames::remove_strays(self.disk.as_ref(), &directory.join("frames"), journalled)
+        frames::set_strays_aside(self.disk.as_ref(), &directory.join("frames"), journalled)
     }
 }
 

@@ -88,7 +88,7 @@ pub fn spoiled_engine(text: &str, data: &Path, stage: &StageHandle, spoil: &Spoi
         rig_text: text.to_owned(),
         store: Store::open(data, 1 << 20).unwrap(),
         open_arm: Box::new(move || Ok(Box::new(Mover(arms.clone())))),
-        open_camera: Box::new(move || {
+        open_camera: Box::new(move |_| {
             let camera = SimulatedCamera::new(&of_camera, &simulation, sight.clone(), CameraFaults::default());
             Ok(Box::new(Spoiled { camera: camera.before(stage.clone()), spoil: spoil.clone() }))
         }),

@@ -200,7 +200,7 @@ impl Fakes {
             rig_text: rig_text.into(),
             store: Store::open_on(data, 1000, self.disk.clone()).unwrap(),
             open_arm,
-            open_camera: Box::new(move || camera.open_camera()),
+            open_camera: Box::new(move |_| camera.open_camera()),
             remedies: Vec::new(),
             processing: Box::new(FakeProcessing(self.clone())),
             speed,

@@ -85,7 +85,7 @@ impl Rigged {
                 let _board = &simulated;
                 Ok(Box::new(RigprotoArm::open(settings.clone())?))
             }),
-            open_camera: Box::new(move || Ok(Box::new(Gphoto2Camera::open(camera.clone())?))),
+            open_camera: Box::new(move |cancel| Ok(Box::new(Gphoto2Camera::open(camera.clone(), cancel)?))),
             remedies: Vec::new(),
             processing,
             speed: simulation.speed,

@@ -1,6 +1,7 @@
 //! Arm and camera: looked at, then opened if nothing speaks against it. The motor is never turned and the lamp never switched on.
 
 use crate::cli::daemon;
+use crate::devices::Cancel;
 use crate::devices::gphoto2::{Gphoto2Camera, Gphoto2Settings, KnownBody};
 use crate::devices::inspect::{self, Finding, Host, any_error};
 use crate::session::bench::{OpenArm, OpenCamera};
@@ -35,7 +36,7 @@ pub fn plain_camera(rig: &Rig, open: &mut OpenCamera) -> Finding {
         CameraDriver::Replay { directory } => directory.display().to_string(),
         _ => "simulated camera".into(),
     };
-    match open() {
+    match open(&Cancel::default()) {
         Ok(camera) => Finding::ok(place, format!("the camera answers: {}", camera.identity().model)),
         Err(error) => Finding::error(place, error.to_string(), "correct camera.directory in the rig file"),
     }
@@ -57,7 +58,7 @@ pub fn gphoto2(host: &Host, rig: &Rig, frames: usize, may_open: bool) -> anyhow:
 }
 
 fn opened(settings: Gphoto2Settings, frames: usize) -> Finding {
-    match Gphoto2Camera::open(settings) {
+    match Gphoto2Camera::open(settings, &Cancel::default()) {
         Ok(camera) => {
             let offers = camera.offers();
             let shots = offers.available_shots.and_then(|shots| usize::try_from(shots).ok());

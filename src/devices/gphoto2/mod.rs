@@ -80,9 +80,9 @@ impl Gphoto2Camera {
     /// Starts a worker and opens the camera.
     ///
     /// # Errors
-    /// [`CameraError::Unusable`] with what the worker or the camera said, and what to do.
-    pub fn open(settings: Gphoto2Settings) -> Result<Self, CameraError> {
-        let (worker, identity) = connect(&settings)?;
+    /// [`CameraError::Unusable`] with what the worker or the camera said, and what to do; [`CameraError::Cancelled`].
+    pub fn open(settings: Gphoto2Settings, cancel: &Cancel) -> Result<Self, CameraError> {
+        let (worker, identity) = connect(&settings, cancel)?;
         settings.body.same(&identity)?;
         Ok(Self { settings, worker: Some(worker), identity, shots: 0 })
     }
@@ -122,7 +122,7 @@ impl Camera for Gphoto2Camera {
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
         if self.shots >= SHOTS_PER_WORKER {
             self.worker = None;
-            *self = Self::open(self.settings.clone())?;
+            *self = Self::open(self.settings.clone(), cancel)?;
         }
         if cancel.is_cancelled() {
             return Err(CameraError::Cancelled);
@@ -158,13 +158,14 @@ impl Camera for Gphoto2Camera {
 
 /// A worker with the camera open. On USB a body comes back under another number, and another body may have its former one: once it
 /// is known it is looked for by its serial number alone.
-fn connect(settings: &Gphoto2Settings) -> Result<(Worker, Identity), CameraError> {
+fn connect(settings: &Gphoto2Settings, cancel: &Cancel) -> Result<(Worker, Identity), CameraError> {
     let on_usb = settings.port.as_ref().is_none_or(|port| port.starts_with("usb:"));
     let serial = settings.body.serial().filter(|_| on_usb);
     let port = settings.port.clone().filter(|_| serial.is_none());
-    let mut worker = Worker::start(&settings.worker).map_err(camera_error)?;
+    let given_up = || cancel.is_cancelled();
+    let mut worker = Worker::start(&settings.worker, &given_up).map_err(camera_error)?;
     let request = Request::Open { model: settings.model.clone(), port, serial };
-    match worker.call(request, &|| false).map_err(camera_error)? {
+    match worker.call(request, &given_up).map_err(camera_error)? {
         (Reply::Identity(identity), _) => Ok((worker, *identity)),
         (other, _) => Err(unexpected_reply(&other)),
     }

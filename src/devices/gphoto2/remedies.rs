@@ -1,6 +1,7 @@
 //! What brings back a camera that a new worker does not: a reset of its USB device, a configured command that switches its power.
 
 use super::KnownBody;
+use crate::devices::Cancel;
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -13,19 +14,19 @@ const LOOK: Duration = Duration::from_millis(50);
 ///
 /// # Errors
 /// In words: no USB camera, no such program, or what it said.
-pub fn reset_usb(body: &KnownBody) -> Result<(), String> {
+pub fn reset_usb(body: &KnownBody, cancel: &Cancel) -> Result<(), String> {
     let port = body.last_port().unwrap_or_default();
     let device = usb_device(&port).ok_or_else(|| format!("the camera is not on USB (port {port:?})"))?;
-    run(Command::new("usbreset").arg(device), "usbreset (package usbutils)")
+    run(Command::new("usbreset").arg(device), "usbreset (package usbutils)", cancel)
 }
 
 /// Runs the rig file's `camera.power_hook`.
 ///
 /// # Errors
 /// In words: it could not be started, failed, or took longer than a minute.
-pub fn switch_power(hook: &[String]) -> Result<(), String> {
+pub fn switch_power(hook: &[String], cancel: &Cancel) -> Result<(), String> {
     let Some((program, arguments)) = hook.split_first() else { return Err("camera.power_hook is empty".into()) };
-    run(Command::new(program).args(arguments), "camera.power_hook")
+    run(Command::new(program).args(arguments), "camera.power_hook", cancel)
 }
 
 /// `usb:001,005` as usbreset wants it: `001/005`.
@@ -35,11 +36,12 @@ fn usb_device(port: &str) -> Option<String> {
     (number(bus) && number(device)).then(|| format!("{bus}/{device}"))
 }
 
-fn run(command: &mut Command, name: &str) -> Result<(), String> {
+/// Runs it to its end, its limit, or the caller's cancel: the lamp is on meanwhile.
+fn run(command: &mut Command, name: &str, cancel: &Cancel) -> Result<(), String> {
     let started = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     let mut child: Child = started.map_err(|error| format!("{name} cannot be started: {error}"))?;
     let end = Instant::now() + LIMIT;
-    while Instant::now() < end {
+    while Instant::now() < end && !cancel.is_cancelled() {
         match child.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),
             Ok(Some(status)) => return Err(format!("{name} ended with {status}")),
@@ -49,6 +51,9 @@ fn run(command: &mut Command, name: &str) -> Result<(), String> {
     }
     let _ = child.kill();
     let _ = child.wait();
+    if cancel.is_cancelled() {
+        return Err(format!("{name} was broken off"));
+    }
     Err(format!("{name} took longer than {} s", LIMIT.as_secs()))
 }
 
@@ -66,10 +71,13 @@ mod tests {
 
     #[test]
     fn a_hook_is_believed_by_its_status() {
-        let hook = |words: &[&str]| switch_power(&words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>());
+        let cancel = Cancel::default();
+        let hook = |words: &[&str]| switch_power(&words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &cancel);
         assert_eq!(hook(&["true"]), Ok(()));
         assert!(hook(&["false"]).is_err_and(|why| why.contains("ended with")));
         assert!(hook(&["/no/such/program"]).is_err_and(|why| why.contains("cannot be started")));
         assert!(hook(&[]).is_err());
+        cancel.cancel();
+        assert!(hook(&["sleep", "50"]).is_err_and(|why| why.contains("broken off")));
     }
 }

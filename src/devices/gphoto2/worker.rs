@@ -66,8 +66,8 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts the program and agrees on the messages.
-    pub fn start(command: &WorkerCommand) -> Result<Self, WorkerError> {
+    /// Starts the program and agrees on the messages, unless the caller has given up.
+    pub fn start(command: &WorkerCommand, given_up: &dyn Fn() -> bool) -> Result<Self, WorkerError> {
         let failed = |error: io::Error| WorkerError::Start {
             program: command.program.display().to_string(),
             reason: error.to_string(),
@@ -97,7 +97,7 @@ impl Worker {
         };
         thread::Builder::new().name("camera-replies".into()).spawn(read).map_err(failed)?;
         let mut worker = Self { child, requests: Some(requests), replies };
-        match worker.call(Request::Hello { protocol: PROTOCOL }, &|| false)? {
+        match worker.call(Request::Hello { protocol: PROTOCOL }, given_up)? {
             (Reply::Hello { protocol: PROTOCOL, .. }, _) => Ok(worker),
             (other, _) => Err(WorkerError::Lost(format!(
                 "it speaks other messages ({other:?}): build it from the sources this program is built from"

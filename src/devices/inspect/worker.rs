@@ -7,7 +7,7 @@ use camera_messages::message::PROTOCOL;
 /// Starts the worker, agrees on the messages, and ends it; no camera is touched.
 pub fn worker(command: &WorkerCommand) -> Finding {
     let place = command.program.display();
-    match Worker::start(command) {
+    match Worker::start(command, &|| false) {
         Ok(_) => Finding::ok(place, format!("the camera worker starts and speaks version {PROTOCOL} of the messages")),
         Err(WorkerError::Start { reason, .. }) => Finding::error(
             place,

@@ -1,6 +1,6 @@
 //! Where the time of an acquisition goes.
 
-use super::{Acquisition, Taken};
+use super::{Acquisition, Ended, Taken};
 use crate::devices::camera::Shot;
 use crate::session::budget::{Stage, TimeBudget};
 use std::time::{Duration, Instant};
@@ -36,9 +36,9 @@ impl Acquisition<'_> {
     }
 
     /// A shot took `time`: what its shutter needed and its file, and the camera's own share.
-    pub(super) fn spend_shot(&mut self, shot: &Shot, taken: &Taken, time: Duration) {
+    pub(super) fn spend_shot(&mut self, shot: &Shot, taken: &Result<Taken, Ended>, time: Duration) {
         let budget = &mut self.clock.budget;
-        let Taken::Good(frame, ..) = taken else { return budget.spend(Stage::Recovery, time) };
+        let Ok(Taken::Good(frame, ..)) = taken else { return budget.spend(Stage::Recovery, time) };
         let transfer = frame.transfer.min(time);
         // A camera that plays stored frames opens no shutter.
         let open = Duration::try_from_secs_f64(shot.shutter.true_s / self.speed).unwrap_or(time);

@@ -38,12 +38,15 @@ impl Acquisition<'_> {
     /// Devices open, arm homed, lamp warm.
     pub(super) fn preflight(&mut self) -> Result<(), Ended> {
         self.safe_point()?;
-        let mut opened = self.bench.open();
+        let mut opened = self.bench.open(&self.book.cancel);
         for wait_s in if self.resumed { &DEVICES_WAIT_S[..] } else { &[] } {
             if opened.is_err() {
                 self.rest(*wait_s)?;
-                opened = self.bench.open();
+                opened = self.bench.open(&self.book.cancel);
             }
+        }
+        if self.book.cancel.is_cancelled() {
+            return Err(self.asked_end());
         }
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(|reason| self.unfit(reason))?;

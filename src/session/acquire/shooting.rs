@@ -74,19 +74,21 @@ impl Acquisition<'_> {
             };
             let applied = match rung.checked_sub(REOPEN_WAIT_S.len()) {
                 None => Ok("reopen"),
-                Some(remedy) => self.bench.apply_remedy(remedy),
+                Some(remedy) => self.bench.apply_remedy(remedy, &self.book.cancel),
             };
             let (name, failed) = match applied {
                 Ok(name) => (name, None),
                 Err((name, why)) => (name, Some(why)),
             };
             self.journal_rung(name, failed.as_ref().unwrap_or(&told))?;
+            // Also after a remedy that failed: whoever wants an end is heard here.
+            self.rest(if failed.is_some() { 0.0 } else { *wait_s })?;
             if failed.is_some() {
                 continue;
             }
-            self.rest(*wait_s)?;
-            match self.bench.reopen_camera() {
+            match self.bench.reopen_camera(&self.book.cancel) {
                 Ok(()) => return Ok(told),
+                Err(CameraError::Cancelled) => return Err(self.asked_end()),
                 Err(again) => told = format!("{reason}; opened anew: {again}"),
             }
         }

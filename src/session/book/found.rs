@@ -9,13 +9,13 @@ use crate::store::sessions::Found;
 
 impl Inner {
     /// Takes a session found on disk; true when it had to be marked interrupted.
-    pub(super) fn take_in(&mut self, found: Found) -> Result<bool, StoreError> {
+    pub(super) fn take_in(&mut self, found: Found) -> bool {
         let Found { directory, manifest, journal } = found;
         let work = match Work::of(&manifest) {
             Ok(work) => work,
             Err(error) => {
                 tracing::warn!(session = manifest.id, %error, "the manifest holds no plan: the session is left alone");
-                return Ok(false);
+                return true;
             }
         };
         let mut ledger = Ledger::new(&manifest, &work);
@@ -27,18 +27,19 @@ impl Inner {
         self.runs.insert(id.clone(), entry);
         if let Some(fault) = journal.fault {
             self.distrust(&id, &fault);
-        } else if unfinished {
-            self.interrupt(&id)?;
+        } else if unfinished && let Err(error) = self.interrupt(&id) {
+            // One damaged directory must not keep the daemon, and with it the lamp's switch, from starting.
+            self.distrust(&id, &error.to_string());
         }
-        Ok(unfinished)
+        unfinished
     }
 
     /// A journal that somebody changed: what it says up to there is shown, nothing is added to it.
     fn distrust(&mut self, id: &str, fault: &str) {
-        tracing::error!(session = id, fault, "the journal is broken");
+        tracing::error!(session = id, fault, "a damaged session");
         if let Some(entry) = self.runs.get_mut(id) {
             let snapshot = &mut entry.ledger.snapshot;
-            snapshot.reason = Some(format!("the journal is broken at {fault}: the records before it are shown"));
+            snapshot.reason = Some(format!("damaged: {fault}; what the journal says before that is shown"));
             if !snapshot.state.is_final() {
                 snapshot.state = SessionState::Interrupted;
             }
@@ -47,9 +48,9 @@ impl Inner {
 
     fn interrupt(&mut self, id: &str) -> Result<(), StoreError> {
         if let Some(entry) = self.runs.get(id) {
-            let removed = self.store.remove_strays(&entry.directory, |name| entry.ledger.has_file(name))?;
+            let removed = self.store.set_strays_aside(&entry.directory, |name| entry.ledger.has_file(name))?;
             if !removed.is_empty() {
-                tracing::info!(session = id, ?removed, "unacknowledged files removed");
+                tracing::info!(session = id, ?removed, "unacknowledged frames set aside");
             }
         }
         // A state that is not final can always be interrupted.

@@ -129,7 +129,7 @@ pub fn warning(rig: &Rig, file: &SettleFile, manifest: &Manifest) -> Option<Stri
     let too_short = rig.arm.settle_s < settle_s;
     (too_short && same_arm && file.simulated == rig.is_simulated()).then(|| {
         format!(
-            "arm.settle_s is {} s, but the arm was seen to need {settle_s:.2} s (calibration {} of {}): frames may show it swinging; set              arm.settle_s = {recommended_s:.2}, or measure again (rigd calibrate settle)",
+            "arm.settle_s is {} s, but the arm was seen to need {settle_s:.2} s (calibration {} of {}): frames may show it swinging; set arm.settle_s = {recommended_s:.2}, or measure again (rigd calibrate settle)",
             rig.arm.settle_s, file.version, file.made
         )
     })
