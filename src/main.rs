@@ -1,7 +1,9 @@
 //! The `rigd` command.
 
 use clap::{Parser, Subcommand};
-use rigd::cli::{bench, calibrate, config, demo, doctor, error, fit, merge, relight, serve, session, simulate, study};
+use rigd::cli::{
+    bench, calibrate, config, demo, doctor, error, fit, merge, relight, safe, serve, session, simulate, study,
+};
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -15,6 +17,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Serve(serve::Args),
+    Safe(safe::Args),
     Demo(demo::Args),
     Session(session::SessionArgs),
     Fit(fit::Args),
@@ -54,6 +57,7 @@ fn main() -> ExitCode {
     error::exit_code(match Cli::parse().command {
         Command::Session(args) => session::run(&args),
         Command::Serve(args) => serve::run(&args),
+        Command::Safe(args) => safe::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),

@@ -175,7 +175,10 @@ impl RawRig {
             },
             calibration,
             storage: Storage { data: storage.data, reserve_bytes: storage.reserve_bytes },
-            server: Server { listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))? },
+            server: Server {
+                listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,
+                tokens: server.tokens,
+            },
             simulation: simulation.map(|s| Simulation {
                 scene: match s.scene {
                     RawScene::Marble => Scene::Marble,

@@ -9,6 +9,7 @@ pub mod error;
 pub mod fit;
 pub mod merge;
 pub mod relight;
+pub mod safe;
 pub mod serve;
 pub mod session;
 pub mod simulate;

@@ -22,12 +22,15 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
+/// Whoever waits shows at least so often that it does so.
+const BEAT: Duration = Duration::from_secs(1);
+
 /// All runs, shared.
 pub struct Book {
     inner: Mutex<Inner>,
     changed: Condvar,
     changes: watch::Sender<u64>,
-    /// Set to break off a shot or a move: by an abort and by the end of the daemon.
+    /// Set to break off a shot or a move: by an abort and by the end of the daemon. Its beats tell that the engine does not hang.
     pub cancel: Cancel,
 }
 
@@ -166,7 +169,8 @@ impl Book {
             if inner.shutdown {
                 return None;
             }
-            inner = self.changed.wait(inner).unwrap_or_else(PoisonError::into_inner);
+            self.cancel.beat();
+            inner = self.changed.wait_timeout(inner, BEAT).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 
@@ -182,7 +186,8 @@ impl Book {
             if left.is_zero() {
                 return None;
             }
-            inner = self.changed.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+            self.cancel.beat();
+            inner = self.changed.wait_timeout(inner, left.min(BEAT)).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 

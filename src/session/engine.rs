@@ -48,7 +48,7 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
     let (jobs, worker) = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
-    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0);
+    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0, &book.cancel);
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
     let end = End { book: Arc::clone(&book), jobs: jobs.clone(), worker: Some(worker) };
     let run = move || {

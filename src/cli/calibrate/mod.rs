@@ -11,7 +11,7 @@ pub enum Calibrate {
     /// The rig of a running daemon, step by step: board, card, balls.
     Run(run::Run),
     /// Calibrations of a running daemon, newest first.
-    List(run::Daemon),
+    List(super::session::Connection),
     /// One of them as JSON.
     Show(run::Show),
     /// Focal length, principal point and distortion from photographs of a chessboard.
