@@ -93,7 +93,8 @@ mod tests {
             refusal(&builder.body(Body::empty()).unwrap(), only_loopback).map(|problem| problem.status)
         };
         let host = ("host", "127.0.0.1:7040");
-        let cases: &[(&str, &[(&str, &str)], Option<u16>)] = &[
+        type Case<'a> = (&'a str, &'a [(&'a str, &'a str)], Option<u16>);
+        let cases: &[Case] = &[
             ("GET", &[host], None),
             ("GET", &[], Some(400)),
             ("GET", &[host, host], Some(400)),
