@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use rigd::cli::{
     bench, calibrate, config, demo, doctor, error, fit, merge, relight, safe, serve, session, simulate, study,
 };
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -50,6 +51,8 @@ fn main() -> ExitCode {
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
+        // In a file or the journal, colours are noise.
+        .with_ansi(std::io::stderr().is_terminal())
         .with_env_filter(filter)
         // A closed stderr must not become a panic of whoever logs.
         .log_internal_errors(false)

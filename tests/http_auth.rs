@@ -236,6 +236,7 @@ fn no_token_is_seen_in_logs_errors_or_files() {
     assert!(daemon.terminate().success());
     let logged = std::fs::read_to_string(&log).unwrap();
     assert!(logged.contains("TRACE") || logged.contains("DEBUG") || logged.contains("INFO"), "nothing was logged");
+    assert!(!logged.contains('\u{1b}'), "colours in a file");
     assert!(seen.contains("scope control"), "{seen}");
     for (what, text) in [("log", logged), ("answers", seen), ("files", all_text(&data))] {
         for secret in [READ, CONTROL, WRONG, &WRONG[..20]] {
