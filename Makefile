@@ -1,5 +1,6 @@
 # make demo: one acquisition on the simulated rig, from the start request to the recovered material.
 # make test: every check and test of the workspace; the first that fails ends the run.
+# make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -8,7 +9,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract
+	firmware firmware-cross unit-file openapi contract deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -122,3 +123,12 @@ contract: release
 openapi: release
 	$(heading) 'fuzz of the REST surface'
 	@tests/schemathesis.sh '$(RIGD)' 60
+
+deb: release
+	$(heading) 'Debian package'
+	@$(CARGO) build --quiet --release --package camera-worker
+	@packaging/build-deb '$(TARGET)/release' '$(TARGET)/deb'
+
+deb-check: deb
+	$(heading) 'Debian package in a fresh Debian'
+	@packaging/check-deb "$$(ls -t '$(TARGET)'/deb/rigd_*.deb | head -n 1)"

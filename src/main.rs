@@ -2,8 +2,10 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, queue, relight, serve, session, simulate, study, verify,
+    bench, calibrate, config, demo, doctor, error, fit, merge, queue, relight, safe, serve, session, simulate, study,
+    verify,
 };
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -17,6 +19,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Serve(serve::Args),
+    Safe(safe::Args),
     Demo(demo::Args),
     Session(session::SessionArgs),
     Queue(queue::QueueArgs),
@@ -51,6 +54,8 @@ fn main() -> ExitCode {
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
+        // In a file or the journal, colours are noise.
+        .with_ansi(std::io::stderr().is_terminal())
         .with_env_filter(filter)
         // A closed stderr must not become a panic of whoever logs.
         .log_internal_errors(false)
@@ -59,6 +64,7 @@ fn main() -> ExitCode {
         Command::Session(args) => session::run(&args),
         Command::Queue(args) => queue::run(args),
         Command::Serve(args) => serve::run(&args),
+        Command::Safe(args) => safe::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),

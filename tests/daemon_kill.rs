@@ -210,6 +210,41 @@ fn a_killed_daemon_s_lamp_goes_off_by_itself() {
     until("the dead-man", || rigged.pose.get().lamp_permille == 0);
 }
 
+/// What the service manager runs after a daemon that ended in any way.
+#[test]
+fn a_killed_daemon_s_arm_is_parked_and_its_lamp_off_after_rigd_safe() {
+    let rigged = Rigged::new(0.1);
+    let config = rigged.folder.path().join("rig.toml");
+    std::fs::write(&config, &rigged.config).unwrap();
+    let safe = || {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_rigd"));
+        command.arg("safe").arg("--config").arg(&config).arg("--data").arg(rigged.data());
+        let out = command.output().unwrap();
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    let mut daemon = rigged.daemon();
+    begin(&daemon);
+    until("the lamp on a station", || {
+        let Pose { angle_deg, lamp_permille } = rigged.pose.get();
+        lamp_permille > 0 && (angle_deg - PARK_DEG).abs() > 5.0
+    });
+    let (status, says) = safe();
+    assert_eq!((status, says.contains("nothing was touched")), (Some(1), true), "beside a live daemon: {says}");
+    assert!(rigged.pose.get().lamp_permille > 0, "the daemon's lamp was switched off");
+
+    daemon.kill();
+    // The second time there is nothing left to do.
+    for _ in 0..2 {
+        let (status, says) = safe();
+        assert_eq!(status, Some(0), "{says}");
+        rigged.assert_at_rest("after rigd safe");
+    }
+    let missing = rigged.config.replacen("port = \"", "port = \"/nowhere", 1);
+    std::fs::write(&config, missing).unwrap();
+    let (status, says) = safe();
+    assert_eq!((status, says.contains("the lamp may be on")), (Some(1), true), "{says}");
+}
+
 #[test]
 fn sigterm_in_any_state_ends_in_order_with_the_lamp_off_and_the_arm_parked() {
     for state in ["preflight", "running", "paused"] {

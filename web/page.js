@@ -10,7 +10,7 @@ const VERBS = {
 };
 const PAGE = 20;
 let chosen = null;      // id of the session shown
-let stream = null;      // its event stream
+let stream = null;      // ends the reading of its events
 let heard = Date.now(); // when the daemon last answered or sent anything
 let lost = false;
 let older = [];         // sessions of later pages, asked for by the user
@@ -19,9 +19,20 @@ let next = null;        // token of the page after those
 /// Thrown when the daemon cannot be reached.
 class Unreachable extends Error {}
 
+/// The token lives as long as the tab: in no file, no cookie, no address.
+const token = () => sessionStorage.getItem("token");
+
+/// Every request shows the token, if there is one; where it is missing or wrong, it is asked for.
+async function load(path, { headers, ...options } = {}) {
+  const shown = token() ? { Authorization: `Bearer ${token()}` } : {};
+  const answer = await fetch(path, { ...options, headers: { ...headers, ...shown } });
+  $("login").hidden = answer.status !== 401;
+  return answer;
+}
+
 async function ask(path, options) {
   const unreachable = (error) => { throw new Unreachable(error.message); };
-  const answer = await fetch(path, options).catch(unreachable);
+  const answer = await load(path, options).catch(unreachable);
   const body = await answer.json().catch(unreachable);
   heard = Date.now();
   lost = false;
@@ -82,7 +93,7 @@ async function showList() {
 
 function choose(id) {
   chosen = id;
-  stream?.close();
+  stream?.abort();
   say();
   $("result").hidden = true;
   $("result").dataset.of = "";
@@ -90,16 +101,32 @@ function choose(id) {
   follow(id);
 }
 
-/// EventSource reconnects by itself with Last-Event-ID; the daemon's 204 after the last event ends it.
-function follow(id) {
-  stream = new EventSource(`/v1/sessions/${id}/events`);
-  const source = stream;
-  const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget", "camera.recovery", "frame.lost"]) {
-    source.addEventListener(type, changed);
+/// Looks again at every event, and takes a broken stream up where it broke; the daemon's 204 after the last event ends it.
+/// (EventSource cannot show a token.)
+async function follow(id) {
+  const reading = stream = new AbortController();
+  let last = 0;
+  while (!reading.signal.aborted) {
+    try {
+      const headers = { "Last-Event-ID": String(last) };
+      const answer = await load(`/v1/sessions/${id}/events`, { headers, signal: reading.signal });
+      if (answer.status !== 200) return;
+      const pieces = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+      let text = "";
+      for (let piece = await pieces.read(); !piece.done; piece = await pieces.read()) {
+        const events = (text + piece.value).split("\n\n");
+        text = events.pop();
+        for (const event of events) last = /^id: ?(\d+)$/m.exec(event)?.[1] ?? last;
+        heard = Date.now();
+        lost = false;
+        refresh();
+      }
+    } catch {
+      if (reading.signal.aborted) return;
+      refresh();
+    }
+    await new Promise((later) => setTimeout(later, 1000));
   }
-  source.onopen = changed;
-  source.onerror = refresh;
 }
 
 let refreshing = false;
@@ -166,10 +193,33 @@ async function showResult(s) {
     + `${material.provenance.software}${material.provenance.simulated ? ", simulated frames" : ""}.`;
   const stages = ["load", "observe", "initialise", "fit", "total"].map((stage) => `${stage} ${report.seconds[stage].toFixed(2)} s`);
   $("seconds").textContent = `Time: ${stages.join(", ")}; ${report.cpu_seconds.toFixed(2)} s of processor.`;
-  $("preview").src = `/v1/sessions/${s.id}/result/preview.png?${s.last_seq}`;
-  $("figure").hidden = false;
+  await showPreview(`/v1/sessions/${s.id}/result/preview.png`);
   const files = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
-  $("files").replaceChildren("Files: ", ...files.flatMap((f) => [element("a", f, { href: `/v1/sessions/${s.id}/result/${f}` }), " "]));
+  $("files").replaceChildren("Files: ", ...files.flatMap((f) => [link(f, `/v1/sessions/${s.id}/result/${f}`), " "]));
+}
+
+async function blob(path) {
+  const answer = await load(path);
+  return answer.ok ? URL.createObjectURL(await answer.blob()) : null;
+}
+
+async function showPreview(path) {
+  const image = await blob(path);
+  URL.revokeObjectURL($("preview").src);
+  $("figure").hidden = !image;
+  if (image) $("preview").src = image;
+}
+
+/// A link's own request shows no token: where one is needed, the file is loaded first.
+function link(name, path) {
+  const save = async (event) => {
+    event.preventDefault();
+    const file = await blob(path);
+    if (!file) return say(`${name} cannot be had now`);
+    element("a", "", { href: file, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(file), 60000);
+  };
+  return element("a", name, token() ? { href: path, onclick: save } : { href: path });
 }
 
 /// How well the material explains the measurements; a figure that does not exist says why.
@@ -243,6 +293,15 @@ $("more").onclick = () => attempt(async () => {
   next = page.next_page_token;
   await showList();
 });
+
+$("login").onsubmit = (event) => {
+  event.preventDefault();
+  sessionStorage.setItem("token", $("token").value.trim());
+  $("token").value = "";
+  say();
+  if (chosen) choose(chosen);
+  poll();
+};
 
 $("preview").onerror = () => { $("figure").hidden = true; };
 

@@ -267,10 +267,10 @@ fn listen(view: &View, found: &mut Found) {
         Err(_) => {
             found.refuse("server.listen", format!("`{text}` is no ADDRESS:PORT: write for example 127.0.0.1:7040"))
         }
-        Ok(address) if !address.ip().is_loopback() => found.refuse(
-            "server.listen",
-            format!("{} is no loopback address, and the daemon knows no passwords: write 127.0.0.1", address.ip()),
-        ),
+        Ok(address) if !address.ip().is_loopback() && view.text("server.tokens").is_none() => {
+            let what = "is no loopback address, and anyone there could move the arm: name a file of tokens in server.tokens, or write 127.0.0.1";
+            found.refuse("server.listen", format!("{} {what}", address.ip()));
+        }
         Ok(_) => {}
     }
 }

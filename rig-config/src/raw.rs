@@ -336,14 +336,17 @@ fn default_reserve() -> u64 {
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct RawServer {
-    /// Loopback address and port, `127.0.0.1:7040`; port 0 takes any free one. `--listen` wins over it.
+    /// Address and port, `127.0.0.1:7040`; port 0 takes any free one. `--listen` wins over it.
     #[schemars(length(min = 1, max = 100))]
     pub listen: String,
+    /// File of tokens, lines of `read TOKEN` or `control TOKEN`; left out, no token is needed, and only loopback is listened on.
+    #[schemars(length(min = 1, max = 4096))]
+    pub tokens: Option<PathBuf>,
 }
 
 impl Default for RawServer {
     fn default() -> Self {
-        Self { listen: "127.0.0.1:7040".into() }
+        Self { listen: "127.0.0.1:7040".into(), tokens: None }
     }
 }
 

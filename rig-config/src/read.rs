@@ -179,7 +179,10 @@ impl RawRig {
                 reserve_bytes: storage.reserve_bytes,
                 resume_at_start: storage.resume_at_start,
             },
-            server: Server { listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))? },
+            server: Server {
+                listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,
+                tokens: server.tokens,
+            },
             simulation: simulation.map(|s| Simulation {
                 scene: match s.scene {
                     RawScene::Marble => Scene::Marble,

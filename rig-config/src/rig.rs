@@ -263,8 +263,10 @@ pub struct Storage {
 /// Where the daemon listens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Server {
-    /// Address and port; loopback only.
+    /// Address and port; loopback only, unless there are tokens.
     pub listen: std::net::SocketAddr,
+    /// File of the tokens that clients need; none: no token is needed.
+    pub tokens: Option<PathBuf>,
 }
 
 /// Which simulated object stands in the rig.

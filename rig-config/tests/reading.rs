@@ -140,6 +140,15 @@ fn what_a_calibration_is_shot_with_is_checked_like_the_plan() {
 }
 
 #[test]
+fn with_tokens_any_address_may_be_listened_on() {
+    let text = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap().1;
+    let text =
+        text.replacen("listen = \"127.0.0.1:7040\"", "listen = \"192.168.0.2:7040\"\ntokens = \"/run/tokens\"", 1);
+    let server = Rig::from_toml(&text, "edited").unwrap().server;
+    assert_eq!((server.listen.to_string().as_str(), server.tokens), ("192.168.0.2:7040", Some("/run/tokens".into())));
+}
+
+#[test]
 fn each_contradiction_is_named_alone() {
     type Case<'a> = (&'a [(&'a str, &'a str)], &'a str, &'a str);
     let cases: &[Case] = &[

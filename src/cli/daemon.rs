@@ -1,6 +1,8 @@
 //! The daemon put together: devices, store, engine and HTTP of one rig, in this process; before a simulated rig an operator as well.
 
 mod operator;
+mod supervisor;
+mod tokens;
 
 use super::error::bad_input;
 use crate::devices::arm::{Arm, ArmError};
@@ -10,7 +12,7 @@ use crate::devices::grbl::{GrblArm, GrblSettings};
 use crate::devices::inspect::{self, Host};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
-use crate::http::{self, HttpState};
+use crate::http::{self, HttpState, Tokens};
 use crate::session::bench::{OpenArm, OpenCamera, Remedy};
 use crate::session::engine::{self, EngineParts};
 use crate::session::handle::EngineHandle;
@@ -22,7 +24,7 @@ use crate::store::Store;
 use anyhow::Context;
 use operator::Operator;
 use rig_config::{ArmDriver, CameraDriver, Rig};
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener as StdListener};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,11 +45,13 @@ pub struct Daemon {
 }
 
 impl Daemon {
-    /// Opens the store, starts the engine and serves the rig's address. `rig_text` is the rig file, for the manifests.
+    /// Opens the store, starts the engine and serves the rig's address, or the `handed` listener of whoever started this program.
+    /// `rig_text` is the rig file, for the manifests.
     ///
     /// # Errors
-    /// A driver this version lacks, a data directory that another daemon holds, an address that is taken.
-    pub async fn start(rig: Rig, rig_text: String) -> anyhow::Result<Self> {
+    /// A driver this version lacks, a data directory that another daemon holds, an address that is taken, or one beyond loopback
+    /// without tokens.
+    pub async fn start(rig: Rig, rig_text: String, handed: Option<StdListener>) -> anyhow::Result<Self> {
         let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
         if let Some(missing) = missing_drivers(&rig) {
             return Err(bad_input(missing));
@@ -63,19 +67,26 @@ impl Daemon {
             rig_text,
             speed,
         };
-        let listen = rig.server.listen;
-        let listener = bind(listen).await?;
+        let tokens = tokens::load(&rig.server)?;
+        let listener = listener(handed, rig.server.listen, &tokens).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
         operator.serve(engine.clone());
         let shutdown = CancellationToken::new();
-        let state = HttpState { engine: engine.clone(), rig: Arc::new(rig), shutdown: shutdown.clone() };
+        let state = HttpState {
+            engine: engine.clone(),
+            rig: Arc::new(rig),
+            tokens: Arc::new(tokens),
+            shutdown: shutdown.clone(),
+        };
         let http = tokio::spawn(http::serve(listener, state));
+        supervisor::started(&url, &engine);
         Ok(Self { url, engine, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
     pub async fn stop(self) -> anyhow::Result<()> {
+        supervisor::ending();
         let engine = self.engine;
         let clean_up = tokio::task::spawn_blocking(move || engine.shutdown());
         self.shutdown.cancel();
@@ -89,13 +100,25 @@ impl Daemon {
     }
 }
 
-async fn bind(listen: SocketAddr) -> anyhow::Result<TcpListener> {
-    if !listen.ip().is_loopback() {
-        return Err(bad_input(http::ServeError::NotLoopback(listen.ip())));
+async fn listener(handed: Option<StdListener>, listen: SocketAddr, tokens: &Tokens) -> anyhow::Result<TcpListener> {
+    let listener = match handed {
+        Some(handed) => {
+            handed.set_nonblocking(true)?;
+            TcpListener::from_std(handed)?
+        }
+        None => {
+            http::may_serve(listen.ip(), tokens).map_err(bad_input)?;
+            TcpListener::bind(listen).await.map_err(|e| {
+                bad_input(format!("cannot listen on {listen}: {e}; choose another with --listen 127.0.0.1:0"))
+            })?
+        }
+    };
+    let address = listener.local_addr()?;
+    http::may_serve(address.ip(), tokens).map_err(bad_input)?;
+    if !address.ip().is_loopback() {
+        tracing::warn!(%address, "tokens cross the network unencrypted: better listen on loopback, behind a proxy with TLS");
     }
-    TcpListener::bind(listen)
-        .await
-        .map_err(|e| bad_input(format!("cannot listen on {listen}: {e}; choose another with --listen 127.0.0.1:0")))
+    Ok(listener)
 }
 
 /// What keeps this build from driving a rig whose file is sound: [`Daemon::start`] refuses it.

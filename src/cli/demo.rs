@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                     Daemon::stop(earlier).await?;
                 }
             }
-            let daemon = Daemon::start(rig.0.clone(), rig.1.clone()).await?;
+            let daemon = Daemon::start(rig.0.clone(), rig.1.clone(), None).await?;
             let url = daemon.url.clone();
             daemons.push(daemon);
             let first = args.calibrate && index == 0;
@@ -167,11 +167,11 @@ fn rig(ball: Ball, args: &Args) -> anyhow::Result<(Rig, String)> {
 
 /// One acquisition over REST, from the start request to the comparison.
 fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<Verdict> {
-    let client = Client::new(url)?;
+    let client = Client::new(url, None)?;
     let request = StartRequest { name: Some(format!("simulated {} ball", ball.name())), ..StartRequest::default() };
     let started = client.start(&request)?;
     say(format!("{} ball: {} frames, session {} at {url}", ball.name(), started.frames_planned, started.id));
-    let ended = watch(url, &started.id)?;
+    let ended = watch(&client, &started.id)?;
     if ended.state != SessionState::Completed {
         bail!("session {} {}", started.id, how_it_ended(&ended));
     }

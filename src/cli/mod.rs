@@ -10,6 +10,7 @@ pub mod fit;
 pub mod merge;
 pub mod queue;
 pub mod relight;
+pub mod safe;
 pub mod serve;
 pub mod session;
 pub mod simulate;

@@ -1,7 +1,7 @@
 //! `rigd queue ...`: sessions that wait for their turn.
 
 use super::error::print_line;
-use super::session::Client;
+use super::session::Connection;
 use crate::session::handle::{QueueRequest, QueueSnapshot, QueuedSession};
 use crate::session::plan::StartRequest;
 use clap::{Args, Subcommand};
@@ -9,9 +9,8 @@ use clap::{Args, Subcommand};
 /// Queue sessions of a running daemon: they are started one after another, also after the daemon was ended.
 #[derive(Args, Debug)]
 pub struct QueueArgs {
-    /// Where the daemon listens.
-    #[arg(long, global = true, default_value = "http://127.0.0.1:7040")]
-    url: String,
+    #[command(flatten)]
+    connection: Connection,
     #[command(subcommand)]
     command: QueueCommand,
 }
@@ -60,7 +59,7 @@ enum QueueCommand {
 /// # Errors
 /// No daemon, a refusal, or a stdout that takes nothing.
 pub fn run(args: QueueArgs) -> anyhow::Result<()> {
-    let client = Client::new(&args.url)?;
+    let client = args.connection.client()?;
     match args.command {
         QueueCommand::Add { name, calibration, runs, not_before, every, hold_on_failure } => {
             let session = StartRequest { name, calibration, ..StartRequest::default() };

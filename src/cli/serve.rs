@@ -4,6 +4,7 @@ use super::daemon::Daemon;
 use super::error::bad_input;
 use crate::session::handle::check_rig;
 use anyhow::Context;
+use listenfd::ListenFd;
 use rig_config::Rig;
 use std::io::Write;
 use std::net::SocketAddr;
@@ -18,7 +19,7 @@ pub struct Args {
     /// Rig file (see rig-config/rigs for the shipped ones).
     #[arg(long)]
     config: PathBuf,
-    /// Address and port, loopback only; port 0 takes any free one. Wins over the rig file.
+    /// Address and port, loopback only unless there are tokens; port 0 takes any free one. Wins over the rig file.
     #[arg(long)]
     listen: Option<SocketAddr>,
     /// Directory of all sessions. Wins over the rig file.
@@ -60,11 +61,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(data) = &args.data {
         rig.storage.data.clone_from(data);
     }
+    // Before there are threads: it takes its variables out of the environment.
+    let handed = ListenFd::from_env().take_tcp_listener(0).context("the socket handed over is none to listen on")?;
     runtime()?.block_on(async {
         // Listening for signals before anything is on, so that none comes too early to be cleaned up after.
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
-        let daemon = Daemon::start(rig, text).await?;
+        let daemon = Daemon::start(rig, text, handed).await?;
         let mut out = std::io::stdout();
         // Whoever started the daemon may have stopped reading; it serves all the same.
         let _ = writeln!(out, "listening on {}", daemon.url).and_then(|()| out.flush());

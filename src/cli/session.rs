@@ -1,8 +1,10 @@
 //! `rigd session ...`: a client of the daemon's REST surface.
 mod client;
+mod connection;
 mod watch;
 
 pub use client::{Client, ClientError};
+pub use connection::Connection;
 pub use watch::watch;
 
 use super::error::print_line;
@@ -16,9 +18,8 @@ use serde::Serialize;
 /// Start, follow and steer acquisitions of a running daemon.
 #[derive(Args, Debug)]
 pub struct SessionArgs {
-    /// Where the daemon listens.
-    #[arg(long, global = true, default_value = "http://127.0.0.1:7040")]
-    url: String,
+    #[command(flatten)]
+    connection: Connection,
     #[command(subcommand)]
     command: SessionCommand,
 }
@@ -61,7 +62,7 @@ enum SessionCommand {
 /// # Errors
 /// No daemon, a refusal, a session that ended badly, or a stdout that takes nothing.
 pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
-    let client = Client::new(&args.url)?;
+    let client = args.connection.client()?;
     match &args.command {
         SessionCommand::Start { name, calibration, dry_run, watch } => {
             let (name, calibration) = (name.clone(), calibration.clone());
@@ -71,11 +72,11 @@ pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
             }
             let started = client.start(&request)?;
             print_line(&started.id)?;
-            if *watch { follow(&args.url, &started.id) } else { Ok(()) }
+            if *watch { follow(&client, &started.id) } else { Ok(()) }
         }
         SessionCommand::List => client.list()?.iter().try_for_each(|session| Ok(print_line(line(session))?)),
         SessionCommand::Show { id } => print_json(&client.session(id)?),
-        SessionCommand::Watch { id } => follow(&args.url, id),
+        SessionCommand::Watch { id } => follow(&client, id),
         SessionCommand::Pause { id } => command(&client, id, Verb::Pause),
         SessionCommand::Resume { id } => command(&client, id, Verb::Resume),
         SessionCommand::Stop { id } => command(&client, id, Verb::Stop),
@@ -87,8 +88,8 @@ fn command(client: &Client, id: &str, verb: Verb) -> anyhow::Result<()> {
     Ok(print_line(line(&client.command(id, verb)?))?)
 }
 
-fn follow(url: &str, id: &str) -> anyhow::Result<()> {
-    let ended = watch(url, id)?;
+fn follow(client: &Client, id: &str) -> anyhow::Result<()> {
+    let ended = watch(client, id)?;
     print_line(line(&ended))?;
     if let Some(budget) = &ended.time_budget {
         print_line(format!("time: {budget}"))?;

@@ -8,6 +8,10 @@ use axum::http::request::Parts;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use std::time::Duration;
+
+/// Longest time a body may take to come.
+const BODY: Duration = Duration::from_secs(10);
 
 /// A JSON object as the body. Serde alone would also take an array for a struct, and refuse 2.0 for 2; JSON Schema, which
 /// the OpenAPI document speaks, sees both the other way round.
@@ -17,7 +21,8 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let axum::Json(mut value) = axum::Json::<Value>::from_request(request, state).await?;
+        let read = tokio::time::timeout(BODY, axum::Json::<Value>::from_request(request, state)).await;
+        let axum::Json(mut value) = read.map_err(|_| Problem::too_slow())??;
         if !value.is_object() {
             return Err(Problem::wrong_body("the body is no JSON object: write {...}"));
         }

@@ -1,5 +1,6 @@
 //! The REST surface: routes, JSON bodies, problem details, the event stream, metrics and the page. It knows the engine's
 //! handle and nothing of devices, pipeline or disk layout.
+mod auth;
 mod calibrations;
 mod events;
 mod extract;
@@ -12,8 +13,10 @@ mod problem;
 mod queue;
 mod results;
 mod rig;
+mod server;
 mod sessions;
 
+pub use auth::{TokenError, Tokens, is_token};
 pub use problem::Problem;
 
 use crate::session::handle::EngineHandle;
@@ -35,6 +38,8 @@ pub struct HttpState {
     pub engine: EngineHandle,
     /// The rig it drives.
     pub rig: Arc<Rig>,
+    /// Who may ask.
+    pub tokens: Arc<Tokens>,
     /// Cancelled when the daemon ends: open event streams end with it.
     pub shutdown: CancellationToken,
 }
@@ -42,8 +47,10 @@ pub struct HttpState {
 /// Why the daemon cannot serve.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The listener can be reached from other machines.
-    #[error("{0} is no loopback address, and the daemon knows no passwords: listen on 127.0.0.1")]
+    /// The listener can be reached from other machines, and anyone there could move the arm.
+    #[error(
+        "{0} is no loopback address, and the daemon has no tokens: name a file of them in server.tokens (docs/operations.md), or listen on 127.0.0.1"
+    )]
     NotLoopback(IpAddr),
     /// The listener failed.
     #[error("cannot serve: {0}")]
@@ -53,14 +60,15 @@ pub enum ServeError {
 /// All routes.
 pub fn router(state: HttpState) -> Router {
     let (routes, spec) = openapi::routes().split_for_parts();
-    let spec = openapi::text(spec, &state.rig);
+    let spec = openapi::text(spec, &state);
     routes
         .merge(page::routes())
         .route("/openapi.json", axum::routing::get(move || async move { openapi::answer(spec) }))
         .fallback(problem::no_route)
         .method_not_allowed_fallback(problem::wrong_method)
         .layer(DefaultBodyLimit::max(LARGEST_BODY))
-        .layer(axum::middleware::from_fn(guard::loopback_host))
+        .layer(axum::middleware::from_fn_with_state(state.clone(), auth::authorize))
+        .layer(axum::middleware::from_fn_with_state(state.clone(), guard::own_name))
         .layer(axum::middleware::from_fn(guard::instance))
         .layer(CatchPanicLayer::custom(problem::panicked))
         .with_state(state)
@@ -69,19 +77,20 @@ pub fn router(state: HttpState) -> Router {
 /// Serves until `state.shutdown` is cancelled and the open requests are answered.
 ///
 /// # Errors
-/// The listener is not on a loopback address, or fails.
+/// As [`may_serve`], or the listener fails.
 pub async fn serve(listener: tokio::net::TcpListener, state: HttpState) -> Result<(), ServeError> {
-    only_loopback(listener.local_addr()?.ip())?;
+    may_serve(listener.local_addr()?.ip(), &state.tokens)?;
     let shutdown = state.shutdown.clone();
-    axum::serve(listener::Bounded::new(listener), router(state))
-        .with_graceful_shutdown(shutdown.cancelled_owned())
-        .await?;
+    server::run(listener::Bounded::new(listener), router(state), shutdown).await;
     Ok(())
 }
 
-/// The rig file was checked for this, but a listener may come from elsewhere.
-fn only_loopback(ip: IpAddr) -> Result<(), ServeError> {
-    if ip.is_loopback() { Ok(()) } else { Err(ServeError::NotLoopback(ip)) }
+/// Whether the daemon may listen there.
+///
+/// # Errors
+/// The address is not a loopback one, and there are no tokens.
+pub fn may_serve(ip: IpAddr, tokens: &Tokens) -> Result<(), ServeError> {
+    if ip.is_loopback() || !tokens.is_empty() { Ok(()) } else { Err(ServeError::NotLoopback(ip)) }
 }
 
 /// Asks the engine outside the async threads: its answer may wait for the disk.
@@ -101,11 +110,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_loopback_is_served() {
+    fn only_loopback_is_served_without_tokens() {
+        let tokens = Tokens::parse("read 0123456789abcdef0123456789abcdef").unwrap_or_default();
         for (ip, served) in
             [([127, 0, 0, 1], true), ([127, 1, 2, 3], true), ([0, 0, 0, 0], false), ([192, 168, 0, 2], false)]
         {
-            assert_eq!(only_loopback(IpAddr::from(ip)).is_ok(), served, "{ip:?}");
+            assert_eq!(may_serve(IpAddr::from(ip), &Tokens::default()).is_ok(), served, "{ip:?}");
+            assert!(may_serve(IpAddr::from(ip), &tokens).is_ok(), "{ip:?}");
         }
     }
 }

@@ -1,11 +1,11 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, calibrations, events, metrics, queue, results, rig, sessions};
+use super::{HttpState, auth, calibrations, events, metrics, queue, results, rig, sessions};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
-use axum::http::header;
+use axum::http::{Method, header};
 use axum::response::{IntoResponse, Response};
 use rig_config::{Rig, Shutter};
 use std::ops::RangeInclusive;
@@ -14,6 +14,7 @@ use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::response::ResponseBuilder;
 use utoipa::openapi::schema::{Array, ArrayItems, Object, Schema};
+use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{self, Ref, RefOr};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -37,10 +38,14 @@ struct Document;
 
 /// Problems any operation may answer with.
 const ANYWHERE: &[(&str, &str)] = &[
+    ("400", "The request cannot be understood."),
     ("421", "The Host header names no loopback address."),
     ("500", "A fault of the daemon, or its storage failed."),
     ("503", "The daemon is ending."),
 ];
+
+const UNAUTHORIZED: (&str, &str) = ("401", "No token of this daemon's.");
+const FORBIDDEN: (&str, &str) = ("403", "The token may only read, or the Origin header names another site.");
 
 pub(super) fn routes() -> OpenApiRouter<HttpState> {
     OpenApiRouter::with_openapi(Document::openapi())
@@ -72,14 +77,30 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(metrics::metrics))
 }
 
-/// Gives every refusal its body: handlers name statuses only, because all refusals are problems.
-fn finish(mut spec: openapi::OpenApi, rig: &Rig) -> openapi::OpenApi {
-    for path in spec.paths.paths.values_mut() {
-        for operation in [&mut path.get, &mut path.post, &mut path.delete].into_iter().flatten() {
+/// Name of the one way to say who asks.
+const TOKEN: &str = "token";
+
+/// Gives every refusal its body, because handlers name statuses only, and every operation the scope it needs.
+fn finish(mut spec: openapi::OpenApi, rig: &Rig, secured: bool) -> openapi::OpenApi {
+    for (path, item) in &mut spec.paths.paths {
+        for (method, operation) in
+            [(Method::GET, &mut item.get), (Method::POST, &mut item.post), (Method::DELETE, &mut item.delete)]
+        {
+            let Some(operation) = operation else { continue };
+            if let Some(scope) = auth::required(&method, path).filter(|_| secured) {
+                refuse(operation, UNAUTHORIZED);
+                operation.security = Some(vec![SecurityRequirement::new(TOKEN, [scope.name()])]);
+            }
+            if method != Method::GET {
+                refuse(operation, FORBIDDEN);
+            }
             complete(operation);
         }
     }
     if let Some(components) = &mut spec.components {
+        if secured {
+            components.add_security_scheme(TOKEN, SecurityScheme::Http(Http::new(HttpAuthScheme::Bearer)));
+        }
         for request in ["StartRequest", "FitRequest", "CalibrationRequest"] {
             bound(components.schemas.get_mut(request), rig);
         }
@@ -142,13 +163,17 @@ fn bound_items(list: &mut Array, count: RangeInclusive<usize>, to_item: impl FnO
     }
 }
 
+/// Adds a status the operation may refuse with, unless it names it itself.
+fn refuse(operation: &mut Operation, (status, description): (&str, &str)) {
+    let response = ResponseBuilder::new().description(description).build();
+    operation.responses.responses.entry(status.into()).or_insert(RefOr::T(response));
+}
+
 fn complete(operation: &mut Operation) {
-    let responses = &mut operation.responses.responses;
-    for (status, description) in ANYWHERE {
-        let response = ResponseBuilder::new().description(*description).build();
-        responses.entry((*status).into()).or_insert(RefOr::T(response));
+    for refusal in ANYWHERE {
+        refuse(operation, *refusal);
     }
-    for (status, response) in responses {
+    for (status, response) in &mut operation.responses.responses {
         if let (true, RefOr::T(response)) = (status.as_str() >= "400", response) {
             let body = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
             response.content.insert("application/problem+json".into(), RefOr::T(body));
@@ -157,9 +182,9 @@ fn complete(operation: &mut Operation) {
 }
 
 /// The document as it is sent, made once.
-pub(super) fn text(spec: openapi::OpenApi, rig: &Rig) -> Bytes {
+pub(super) fn text(spec: openapi::OpenApi, state: &HttpState) -> Bytes {
     // The document is made of text and numbers only: there is nothing in it that JSON could not say.
-    serde_json::to_vec(&finish(spec, rig)).unwrap_or_default().into()
+    serde_json::to_vec(&finish(spec, &state.rig, !state.tokens.is_empty())).unwrap_or_default().into()
 }
 
 /// The document as an answer.

@@ -14,7 +14,8 @@ const FILES: &[(&str, &str, &str)] = &[
 ];
 
 /// The page may load and ask nothing but this daemon, and no other page may frame its buttons.
-const POLICY: &str = "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+const POLICY: &str =
+    "default-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
 pub(super) fn routes() -> Router<HttpState> {
     FILES.iter().fold(Router::new(), |router, &(path, kind, text)| {

@@ -83,6 +83,22 @@ impl Problem {
         Self::new(StatusCode::NOT_FOUND, "not-found", "Not found", detail)
     }
 
+    /// No token, or none that is known.
+    pub(super) fn unauthorized(detail: &str) -> Self {
+        Self::new(StatusCode::UNAUTHORIZED, "unauthorized", "A token is needed", detail)
+    }
+
+    /// Something this client may not do.
+    pub(super) fn forbidden(detail: &str) -> Self {
+        Self::new(StatusCode::FORBIDDEN, "forbidden", "Not allowed", detail)
+    }
+
+    /// A body that does not come.
+    pub(super) fn too_slow() -> Self {
+        let detail = "the body did not come in time: send the request again";
+        Self::new(StatusCode::REQUEST_TIMEOUT, "too-slow", "Request timeout", detail)
+    }
+
     /// The daemon cannot work now.
     pub(super) fn not_ready(reasons: Vec<String>) -> Self {
         let detail = format!("no session can start: {}", reasons.join("; "));

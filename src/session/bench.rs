@@ -28,14 +28,25 @@ pub struct Bench {
     remedies: Vec<Remedy>,
     arm: Option<Box<dyn Arm>>,
     camera: Option<CameraHandle>,
+    /// Flag of the moves of a clean-up, which nothing cancels.
+    parking: Cancel,
     /// The lamp may be on or the arm away from its park position.
     unsafe_since_clean_up: bool,
 }
 
 impl Bench {
-    /// Nothing is opened yet. `after_crash` makes the first clean-up look after a lamp that an earlier run left on.
-    pub fn new(rig: Rig, open_arm: OpenArm, open_camera: OpenCamera, remedies: Vec<Remedy>, after_crash: bool) -> Self {
-        Self { rig, open_arm, open_camera, remedies, arm: None, camera: None, unsafe_since_clean_up: after_crash }
+    /// Nothing is opened yet. `after_crash` makes the first clean-up look after a lamp that an earlier run left on; a clean-up's beats
+    /// count with those of `cancel`.
+    pub fn new(
+        rig: Rig,
+        open_arm: OpenArm,
+        open_camera: OpenCamera,
+        remedies: Vec<Remedy>,
+        after_crash: bool,
+        cancel: &Cancel,
+    ) -> Self {
+        let (parking, unsafe_since_clean_up) = (cancel.apart(), after_crash);
+        Self { rig, open_arm, open_camera, remedies, arm: None, camera: None, parking, unsafe_since_clean_up }
     }
 
     /// Opens arm and camera; says who answered: firmware, model.
@@ -143,13 +154,13 @@ impl Bench {
 
     /// One try; opens the arm if it is not open.
     fn make_safe(&mut self) -> Result<(), String> {
-        let (arm, open, park) = (&mut self.arm, &mut self.open_arm, self.rig.arm.park_deg);
+        let (arm, open, park, parking) = (&mut self.arm, &mut self.open_arm, self.rig.arm.park_deg, &self.parking);
         let work = move || {
             let arm = match arm {
                 Some(arm) => arm,
                 None => arm.insert(open()?),
             };
-            switch_off_and_park(arm.as_mut(), park)
+            switch_off_and_park(arm.as_mut(), park, parking)
         };
         match catch_unwind(AssertUnwindSafe(work)) {
             Ok(result) => result.map_err(|e| e.to_string()),
@@ -159,7 +170,7 @@ impl Bench {
 }
 
 /// Stops, switches off, proves it by the status, parks if the arm knows where it is.
-fn switch_off_and_park(arm: &mut dyn Arm, park_deg: f64) -> Result<(), ArmError> {
+fn switch_off_and_park(arm: &mut dyn Arm, park_deg: f64, parking: &Cancel) -> Result<(), ArmError> {
     // The lamp goes off even when the stop fails.
     let stopped = arm.stop();
     arm.set_lamp(0)?;
@@ -171,7 +182,7 @@ fn switch_off_and_park(arm: &mut dyn Arm, park_deg: f64) -> Result<(), ArmError>
     }
     if status.homed {
         // A cancelled session must still be parked: this move has a flag of its own.
-        arm.move_to(park_deg, &Cancel::default())?;
+        arm.move_to(park_deg, parking)?;
     }
     Ok(())
 }

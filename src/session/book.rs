@@ -37,12 +37,15 @@ pub enum Next {
     End,
 }
 
+/// Whoever waits shows at least so often that it does so.
+const BEAT: Duration = Duration::from_secs(1);
+
 /// All runs, shared.
 pub struct Book {
     inner: Mutex<Inner>,
     changed: Condvar,
     changes: watch::Sender<u64>,
-    /// Set to break off a shot or a move: by an abort and by the end of the daemon.
+    /// Set to break off a shot or a move: by an abort and by the end of the daemon. Its beats tell that the engine does not hang.
     pub cancel: Cancel,
 }
 
@@ -207,7 +210,21 @@ impl Book {
     }
 
     /// Waits until `look` finds something or the time is over.
-    pub fn wait<T>(&self, time: Duration, mut look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
+    pub fn wait<T>(&self, time: Duration, look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
+        self.wait_with(time, || self.cancel.beat(), look)
+    }
+
+    /// The same for others than the engine and who works for it: it is no sign of life of theirs.
+    pub fn watch<T>(&self, time: Duration, look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
+        self.wait_with(time, || {}, look)
+    }
+
+    fn wait_with<T>(
+        &self,
+        time: Duration,
+        beat: impl Fn(),
+        mut look: impl FnMut(&mut Inner) -> Option<T>,
+    ) -> Option<T> {
         let end = Instant::now() + time;
         let mut inner = self.lock();
         loop {
@@ -218,7 +235,8 @@ impl Book {
             if left.is_zero() {
                 return None;
             }
-            inner = self.changed.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+            beat();
+            inner = self.changed.wait_timeout(inner, left.min(BEAT)).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 

@@ -57,7 +57,8 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
     let (jobs, worker) = worker::spawn(Arc::clone(&book), rig.clone(), processing).map_err(no_thread)?;
-    let bench = Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0 || unsafe_before);
+    let bench =
+        Bench::new(rig.clone(), open_arm, open_camera, remedies, interrupted > 0 || unsafe_before, &book.cancel);
     if rig.storage.resume_at_start {
         resume(&book, &rig_text);
     }

@@ -344,6 +344,11 @@ impl EngineHandle {
         if reasons.is_empty() { Ok(()) } else { Err(reasons) }
     }
 
+    /// Grows as long as the engine does not hang.
+    pub fn beats(&self) -> u64 {
+        self.book.cancel.beats()
+    }
+
     /// Ends the engine: a running session is broken off, cleaned up and marked interrupted. Returns once that is done, the worker
     /// has put down its work, and the data directory is free for another daemon.
     pub fn shutdown(&self) -> Result<(), EngineError> {

@@ -44,17 +44,18 @@ impl Daemon {
 
     /// Starts `rigd serve` with a rig file of this text, written to `folder`, on the sessions of `data`.
     pub fn start_with(folder: tempfile::TempDir, config: &str, data: &Path) -> Self {
-        let file = folder.path().join("rig.toml");
-        std::fs::write(&file, config).unwrap();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_rigd"))
-            .arg("serve")
-            .arg("--config")
-            .arg(&file)
-            .args(["--listen", "127.0.0.1:0", "--data"])
-            .arg(data)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        Self::start_as(folder, config, data, |command| command.args(["--listen", "127.0.0.1:0"]))
+    }
+
+    /// The same, with what `set` adds to the command.
+    pub fn start_as(
+        folder: tempfile::TempDir,
+        config: &str,
+        data: &Path,
+        set: impl FnOnce(&mut Command) -> &mut Command,
+    ) -> Self {
+        let mut command = serve(folder.path(), config, data);
+        let mut child = set(&mut command).stdout(Stdio::piped()).spawn().unwrap();
         let mut stdout = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
         stdout.read_line(&mut line).unwrap();
@@ -67,6 +68,10 @@ impl Daemon {
     pub fn directory(&self, location: &str) -> PathBuf {
         let id = location.strip_prefix("/v1/sessions/").unwrap();
         self.folder.path().join("data/sessions").join(id)
+    }
+
+    pub fn pid(&self) -> i32 {
+        self.child.id().try_into().unwrap()
     }
 
     pub fn url(&self) -> String {
@@ -131,10 +136,19 @@ impl Daemon {
 
     /// Asks the daemon to end, as a service manager does, and waits for it.
     pub fn terminate(&mut self) -> ExitStatus {
-        let pid = nix::unistd::Pid::from_raw(self.child.id().try_into().unwrap());
+        let pid = nix::unistd::Pid::from_raw(self.pid());
         nix::sys::signal::kill(pid, nix::sys::signal::Signal::SIGTERM).unwrap();
         self.child.wait().unwrap()
     }
+}
+
+/// `rigd serve` with a rig file of this text, written to `folder`, on the sessions of `data`.
+pub fn serve(folder: &Path, config: &str, data: &Path) -> Command {
+    let file = folder.join("rig.toml");
+    std::fs::write(&file, config).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rigd"));
+    command.arg("serve").arg("--config").arg(&file).arg("--data").arg(data);
+    command
 }
 
 /// Text of the shipped simulated rig.

@@ -78,7 +78,7 @@ pub fn rig() -> Rig {
             cosine_cutoff: 0.15,
         },
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
-        server: Server { listen: "127.0.0.1:0".parse().unwrap() },
+        server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
         simulation: None,
         calibration: None,
     }

@@ -1,21 +1,13 @@
 //! `rigd calibrate run|list|show`: calibrations of a running daemon, step by step on the terminal.
 
 use crate::cli::error::print_line;
-use crate::cli::session::{Client, ClientError};
+use crate::cli::session::{Client, ClientError, Connection};
 use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, Kind, Verdict};
 use crate::session::state::{SessionState, Verb};
 use anyhow::bail;
 use serde_json::Value;
 use std::io::{BufRead, Write};
 use std::time::Duration;
-
-/// Where the daemon listens.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Daemon {
-    /// Where the daemon listens.
-    #[arg(long, default_value = "http://127.0.0.1:7040")]
-    pub(super) url: String,
-}
 
 /// Calibrate the rig of a running daemon, step by step.
 ///
@@ -24,7 +16,7 @@ pub struct Daemon {
 #[derive(Clone, Debug, clap::Args)]
 pub struct Run {
     #[command(flatten)]
-    daemon: Daemon,
+    daemon: Connection,
     /// A name for the calibration.
     #[arg(long)]
     name: Option<String>,
@@ -34,7 +26,7 @@ pub struct Run {
 #[derive(Clone, Debug, clap::Args)]
 pub struct Show {
     #[command(flatten)]
-    daemon: Daemon,
+    daemon: Connection,
     id: String,
 }
 
@@ -46,7 +38,7 @@ pub(super) const LOOK_EVERY: Duration = Duration::from_millis(300);
 /// # Errors
 /// No daemon, a refusal, a calibration that ended in another way than `completed`, or a stdin that ended.
 pub fn run(args: &Run) -> anyhow::Result<()> {
-    let client = Client::new(&args.daemon.url)?;
+    let client = args.daemon.client()?;
     let id = begin(&client, args.name.clone())?;
     let mut told = 0;
     loop {
@@ -149,8 +141,8 @@ fn end(now: &CalibrationSnapshot) -> String {
 ///
 /// # Errors
 /// No daemon, or a stdout that takes nothing.
-pub fn list(daemon: &Daemon) -> anyhow::Result<()> {
-    for run in Client::new(&daemon.url)?.calibrations()? {
+pub fn list(daemon: &Connection) -> anyhow::Result<()> {
+    for run in daemon.client()?.calibrations()? {
         let reason = run.reason.map(|reason| format!("  ({reason})")).unwrap_or_default();
         let steps = format!("{}/{} steps", run.steps_accepted, run.steps);
         print_line(format!(
@@ -166,7 +158,7 @@ pub fn list(daemon: &Daemon) -> anyhow::Result<()> {
 /// # Errors
 /// No daemon, no such calibration, or a stdout that takes nothing.
 pub fn show(args: &Show) -> anyhow::Result<()> {
-    let client = Client::new(&args.daemon.url)?;
+    let client = args.daemon.client()?;
     let run = client.calibration(&args.id)?;
     let value = match run.state {
         SessionState::Completed => client.calibration_result(&args.id)?,

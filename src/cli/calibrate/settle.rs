@@ -1,8 +1,8 @@
 //! `rigd calibrate settle`: has a running daemon measure the settle time of its arm.
 
-use super::run::{Daemon, LOOK_EVERY};
+use super::run::LOOK_EVERY;
 use crate::cli::error::print_line;
-use crate::cli::session::Client;
+use crate::cli::session::Connection;
 use crate::numerics::settle::ABOVE_NOISE;
 use crate::session::handle::{CalibrationRequest, Kind, SettleFile};
 use crate::session::state::SessionState;
@@ -15,7 +15,7 @@ use anyhow::bail;
 #[derive(Clone, Debug, clap::Args)]
 pub struct Settle {
     #[command(flatten)]
-    daemon: Daemon,
+    daemon: Connection,
     /// A name for the measurement.
     #[arg(long)]
     name: Option<String>,
@@ -29,7 +29,7 @@ pub struct Settle {
 /// # Errors
 /// No daemon, a refusal, a measurement that ended in another way than `completed`, or a stdout that takes nothing.
 pub fn run(args: &Settle) -> anyhow::Result<()> {
-    let client = Client::new(&args.daemon.url)?;
+    let client = args.daemon.client()?;
     let request = CalibrationRequest { name: args.name.clone(), kind: Kind::Settle, exposure: args.exposure.clone() };
     let started = client.start_calibration(&request)?;
     let (id, frames) = (started.id, started.frames_planned);

@@ -26,7 +26,7 @@ const MOST_REFUSALS: usize = 6;
 
 /// Calibrates the daemon's rig, step by step.
 pub(super) fn calibrate(url: &str) -> anyhow::Result<CalibrationFile> {
-    let client = Client::new(url)?;
+    let client = Client::new(url, None)?;
     let id = client
         .start_calibration(&CalibrationRequest { name: Some("demo".into()), ..CalibrationRequest::default() })?
         .id;

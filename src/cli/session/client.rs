@@ -11,7 +11,8 @@ use serde::de::DeserializeOwned;
 use std::io::{BufRead, BufReader, Read};
 use std::time::Duration;
 use ureq::http::{Response, Uri};
-use ureq::{Agent, Body};
+use ureq::typestate::{WithBody, WithoutBody};
+use ureq::{Agent, Body, RequestBuilder};
 
 /// Longest time the daemon may take to answer.
 const ANSWER: Duration = Duration::from_secs(30);
@@ -50,7 +51,7 @@ impl ClientError {
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Usage(_) => true,
-            Self::Refused(problem) => matches!(problem.status, 400 | 404 | 413 | 415 | 421 | 422),
+            Self::Refused(problem) => matches!(problem.status, 400 | 401 | 403 | 404 | 413 | 415 | 421 | 422),
             Self::Unreachable { .. } | Self::Foreign { .. } => false,
         }
     }
@@ -72,6 +73,8 @@ fn describe(problem: &Problem) -> String {
 pub struct Client {
     base: String,
     agent: Agent,
+    /// Value of the header that shows the token.
+    authorization: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -93,11 +96,11 @@ struct SessionPage {
 }
 
 impl Client {
-    /// A client of the daemon at `base_url`, `http://ADDRESS:PORT`.
+    /// A client of the daemon at `base_url`, `http://ADDRESS:PORT`, that shows it `token`.
     ///
     /// # Errors
     /// `base_url` is no such address.
-    pub fn new(base_url: &str) -> Result<Self, ClientError> {
+    pub fn new(base_url: &str, token: Option<&str>) -> Result<Self, ClientError> {
         let base = base_url.trim_end_matches('/').to_owned();
         let sound = base.parse::<Uri>().is_ok_and(|uri| uri.scheme_str() == Some("http") && uri.host().is_some());
         if !sound {
@@ -112,7 +115,27 @@ impl Client {
             .timeout_connect(Some(ANSWER))
             .timeout_recv_response(Some(ANSWER))
             .timeout_per_read(Some(SILENCE));
-        Ok(Self { base, agent: config.build().new_agent() })
+        let authorization = token.map(|token| format!("Bearer {token}"));
+        Ok(Self { base, agent: config.build().new_agent(), authorization })
+    }
+
+    fn get(&self, url: impl AsRef<str>) -> RequestBuilder<WithoutBody> {
+        self.with_token(self.agent.get(url.as_ref()))
+    }
+
+    fn post(&self, url: impl AsRef<str>) -> RequestBuilder<WithBody> {
+        self.with_token(self.agent.post(url.as_ref()))
+    }
+
+    fn delete(&self, url: impl AsRef<str>) -> RequestBuilder<WithoutBody> {
+        self.with_token(self.agent.delete(url.as_ref()))
+    }
+
+    fn with_token<B>(&self, request: RequestBuilder<B>) -> RequestBuilder<B> {
+        match &self.authorization {
+            Some(value) => request.header("Authorization", value),
+            None => request,
+        }
     }
 
     /// The plan a request would run; nothing moves.
@@ -121,7 +144,7 @@ impl Client {
     /// As for every call: no connection, a refusal, or a foreign answer.
     pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, ClientError> {
         let url = format!("{}/v1/sessions?dry_run=true", self.base);
-        self.read(self.agent.post(url).send_json(request))
+        self.read(self.post(url).send_json(request))
     }
 
     /// Starts a session.
@@ -129,7 +152,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn start(&self, request: &StartRequest) -> Result<SessionSnapshot, ClientError> {
-        self.read(self.agent.post(format!("{}/v1/sessions", self.base)).send_json(request))
+        self.read(self.post(format!("{}/v1/sessions", self.base)).send_json(request))
     }
 
     /// Every session, newest first.
@@ -139,7 +162,7 @@ impl Client {
     pub fn list(&self) -> Result<Vec<SessionSnapshot>, ClientError> {
         let (mut all, mut query) = (Vec::new(), String::new());
         loop {
-            let page: SessionPage = self.read(self.agent.get(format!("{}/v1/sessions{query}", self.base)).call())?;
+            let page: SessionPage = self.read(self.get(format!("{}/v1/sessions{query}", self.base)).call())?;
             all.extend(page.sessions);
             match page.next_page_token {
                 Some(token) => query = format!("?page_token={token}"),
@@ -153,7 +176,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn session(&self, id: &str) -> Result<SessionSnapshot, ClientError> {
-        self.read(self.agent.get(self.of_session(id, "")?).call())
+        self.read(self.get(self.of_session(id, "")?).call())
     }
 
     /// Material and report of a completed session.
@@ -161,7 +184,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn material(&self, id: &str) -> Result<serde_json::Value, ClientError> {
-        self.read(self.agent.get(self.of_session(id, "/material")?).call())
+        self.read(self.get(self.of_session(id, "/material")?).call())
     }
 
     /// Asks something of a session.
@@ -170,7 +193,7 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn command(&self, id: &str, verb: Verb) -> Result<SessionSnapshot, ClientError> {
         let url = self.of_session(id, &format!("/{verb}"))?;
-        self.read(self.agent.post(url).send_empty())
+        self.read(self.post(url).send_empty())
     }
 
     /// Starts a calibration.
@@ -178,7 +201,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn start_calibration(&self, request: &CalibrationRequest) -> Result<CalibrationSnapshot, ClientError> {
-        self.read(self.agent.post(format!("{}/v1/calibrations", self.base)).send_json(request))
+        self.read(self.post(format!("{}/v1/calibrations", self.base)).send_json(request))
     }
 
     /// Every calibration, newest first.
@@ -186,7 +209,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn calibrations(&self) -> Result<Vec<CalibrationSnapshot>, ClientError> {
-        let list: CalibrationList = self.read(self.agent.get(format!("{}/v1/calibrations", self.base)).call())?;
+        let list: CalibrationList = self.read(self.get(format!("{}/v1/calibrations", self.base)).call())?;
         Ok(list.calibrations)
     }
 
@@ -195,7 +218,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn calibration(&self, id: &str) -> Result<CalibrationSnapshot, ClientError> {
-        self.read(self.agent.get(self.of_calibration(id, "")?).call())
+        self.read(self.get(self.of_calibration(id, "")?).call())
     }
 
     /// What a completed calibration measured.
@@ -203,7 +226,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn calibration_result(&self, id: &str) -> Result<serde_json::Value, ClientError> {
-        self.read(self.agent.get(self.of_calibration(id, "/result")?).call())
+        self.read(self.get(self.of_calibration(id, "/result")?).call())
     }
 
     /// Asks a calibration to shoot or to abort.
@@ -212,7 +235,7 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn command_calibration(&self, id: &str, verb: Verb) -> Result<CalibrationSnapshot, ClientError> {
         let url = self.of_calibration(id, &format!("/{verb}"))?;
-        self.read(self.agent.post(url).send_empty())
+        self.read(self.post(url).send_empty())
     }
 
     /// The queue.
@@ -220,7 +243,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn queue(&self) -> Result<QueueSnapshot, ClientError> {
-        self.read(self.agent.get(format!("{}/v1/queue", self.base)).call())
+        self.read(self.get(format!("{}/v1/queue", self.base)).call())
     }
 
     /// Puts a session at the end of the queue.
@@ -228,7 +251,7 @@ impl Client {
     /// # Errors
     /// As for [`Client::plan`].
     pub fn enqueue(&self, request: &QueueRequest) -> Result<QueuedSession, ClientError> {
-        self.read(self.agent.post(format!("{}/v1/queue", self.base)).send_json(request))
+        self.read(self.post(format!("{}/v1/queue", self.base)).send_json(request))
     }
 
     /// Takes an entry out of the queue.
@@ -237,7 +260,7 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn dequeue(&self, id: &str) -> Result<(), ClientError> {
         check_id(id, "entry of the queue: see `rigd queue list`")?;
-        self.accepted(self.agent.delete(format!("{}/v1/queue/{id}", self.base)).call()).map(|_| ())
+        self.accepted(self.delete(format!("{}/v1/queue/{id}", self.base)).call()).map(|_| ())
     }
 
     /// Makes an entry the next one.
@@ -246,7 +269,7 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn queue_first(&self, id: &str) -> Result<QueueSnapshot, ClientError> {
         check_id(id, "entry of the queue: see `rigd queue list`")?;
-        self.read(self.agent.post(format!("{}/v1/queue/{id}/first", self.base)).send_empty())
+        self.read(self.post(format!("{}/v1/queue/{id}/first", self.base)).send_empty())
     }
 
     /// Holds the queue, or lets it go on.
@@ -255,12 +278,12 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn hold_queue(&self, held: bool) -> Result<QueueSnapshot, ClientError> {
         let verb = if held { "hold" } else { "release" };
-        self.read(self.agent.post(format!("{}/v1/queue/{verb}", self.base)).send_empty())
+        self.read(self.post(format!("{}/v1/queue/{verb}", self.base)).send_empty())
     }
 
     /// Sequence numbers of a session's events above `after`, as they come, until the stream ends or breaks.
     pub(super) fn events(&self, id: &str, after: u64) -> Result<impl Iterator<Item = u64> + use<>, ClientError> {
-        let request = self.agent.get(self.of_session(id, "/events")?).header("Last-Event-ID", after.to_string());
+        let request = self.get(self.of_session(id, "/events")?).header("Last-Event-ID", after.to_string());
         let body = self.accepted(request.call())?.into_body().into_reader();
         Ok(ids(body))
     }
@@ -324,10 +347,10 @@ mod tests {
     #[test]
     fn addresses_and_ids_that_cannot_be_are_bad_usage() {
         for bad in ["", "127.0.0.1:7040", "ftp://127.0.0.1", "http://", "https://127.0.0.1", "http://a b"] {
-            let error = Client::new(bad).err().unwrap();
+            let error = Client::new(bad, None).err().unwrap();
             assert!(error.is_bad_input(), "{bad}");
         }
-        let client = Client::new("http://127.0.0.1:1/").unwrap();
+        let client = Client::new("http://127.0.0.1:1/", None).unwrap();
         for bad in ["", "../rig", "a?b", "a/b", "a#b", "%2e"] {
             assert!(client.session(bad).unwrap_err().is_bad_input(), "{bad}");
         }
@@ -337,7 +360,7 @@ mod tests {
     fn a_daemon_that_is_not_there_is_a_failure_not_bad_usage() {
         // A port that was free a moment ago and that nobody listens on.
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let error = Client::new(&format!("http://127.0.0.1:{port}")).unwrap().list().unwrap_err();
+        let error = Client::new(&format!("http://127.0.0.1:{port}"), None).unwrap().list().unwrap_err();
         assert!(!error.is_bad_input());
         assert!(error.to_string().contains("is the daemon running"), "{error}");
     }

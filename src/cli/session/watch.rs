@@ -11,17 +11,16 @@ const RETRY: Duration = Duration::from_millis(500);
 /// Attempts in a row before giving up: a daemon that restarts takes a few seconds.
 const ATTEMPTS: u32 = 60;
 
-/// Follows session `id` of the daemon at `base_url` to its end, showing progress on stderr, and returns it as it ended.
+/// Follows session `id` of the client's daemon to its end, showing progress on stderr, and returns it as it ended.
 /// A lost connection is taken up again where it broke.
 ///
 /// # Errors
 /// The daemon refuses (no such session), or cannot be reached for half a minute.
-pub fn watch(base_url: &str, id: &str) -> anyhow::Result<SessionSnapshot> {
-    let client = Client::new(base_url)?;
+pub fn watch(client: &Client, id: &str) -> anyhow::Result<SessionSnapshot> {
     let mut view = View::new();
     let (mut seen, mut failures) = (0, 0);
     loop {
-        match follow(&client, id, &mut seen, &mut view) {
+        match follow(client, id, &mut seen, &mut view) {
             Ok(snapshot) if snapshot.state.is_final() => {
                 view.bar.finish_and_clear();
                 return Ok(snapshot);

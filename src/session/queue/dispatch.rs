@@ -45,7 +45,7 @@ impl Dispatcher {
     fn run(mut self) {
         loop {
             let not_before = self.not_before;
-            match self.book.wait(LOOK, |inner| next(inner, not_before)) {
+            match self.book.watch(LOOK, |inner| next(inner, not_before)) {
                 None => {}
                 Some(Next::End) => return,
                 Some(Next::Settle { entry, state, reason, frames }) => {
