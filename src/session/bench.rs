@@ -12,12 +12,15 @@ pub type OpenArm = Box<dyn FnMut() -> Result<Box<dyn Arm>, ArmError> + Send>;
 /// Opens the camera; the composition root knows which.
 pub type OpenCamera = Box<dyn FnMut(&Cancel) -> Result<Box<dyn Camera>, CameraError> + Send>;
 
+/// Applies a remedy, unless it is broken off; the error is a sentence.
+pub type Apply = Box<dyn FnMut(&Cancel) -> Result<(), String> + Send>;
+
 /// What may bring back a camera that a new driver does not.
 pub struct Remedy {
     /// As the journal names it.
     pub name: &'static str,
     /// Does it; the error is a sentence.
-    pub apply: Box<dyn FnMut(&Cancel) -> Result<(), String> + Send>,
+    pub apply: Apply,
 }
 
 /// The devices of the rig, open only while a session needs them.
