@@ -225,8 +225,8 @@ impl Engine {
                 self.book.happen(id, Event::Fault, Some(&reason))
             }
             Err(Ended::Interrupted(reason)) => {
-                self.book.lock().device_fault = Some(reason.clone());
                 let reason = left_over.map_or(reason.clone(), |left_over| format!("{reason}; {left_over}"));
+                self.book.lock().device_fault = Some(reason.clone());
                 self.book.happen(id, Event::HardwareLost, Some(&reason))
             }
             Err(Ended::ShutDown) => self.book.happen(id, Event::DaemonEnded, Some("the daemon was shut down")),

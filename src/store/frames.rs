@@ -36,6 +36,7 @@ pub fn write(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Res
 
 /// Whether a committed frame is still what its journal line says; why not, in words.
 pub fn check(path: &Path, bytes: u64, blake3: &str) -> Result<(), String> {
+    std::fs::metadata(path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
     let found = read_bytes(path, "frame", bytes).map_err(|reason| format!("{}: {reason}", path.display()))?;
     if found.len() as u64 != bytes {
         return Err(format!("{} has {} bytes, not the {bytes} that were committed", path.display(), found.len()));

@@ -18,7 +18,7 @@
 //! ```
 //!
 //! Invariants, checked by `tests/store_crash.rs` for a kill at every step: every journalled frame has a file of that size and
-//! hash; every file in `frames/` is journalled or is removed at the next start; a file is never overwritten.
+//! hash; every frame in `frames/` is journalled or is set aside at the next start; a file is never overwritten.
 pub mod dataset;
 pub mod exr;
 pub mod files;

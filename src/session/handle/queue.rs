@@ -64,8 +64,10 @@ impl EngineHandle {
         let one_s = plan.estimated_s / self.speed;
         let every_s = entry.request.every_s.unwrap_or(0.0).max(one_s);
         let end = later(start, every_s * (runs - 1.0) + one_s);
-        // Between two runs that are far apart others have their turn.
-        *free = if entry.request.every_s.is_some() { later(start, one_s) } else { end };
+        // While one waits for its time, and between two runs that are far apart, others have their turn.
+        if start == *free {
+            *free = if entry.request.every_s.is_some() { later(start, one_s) } else { end };
+        }
         QueuedSession {
             estimated_start: Some(start.to_string()),
             estimated_end: Some(end.to_string()),
