@@ -12,12 +12,12 @@ pub use settings::GrblSettings;
 
 use super::Cancel;
 use super::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
-use super::motion::{allowance, seconds, travel_time_s};
+use super::motion::{allowance, believed, seconds, told, travel_time_s};
 use super::serial::SerialTransport;
 use advice::refused;
 use link::{ANSWER_TIME, Link, Owner};
 use rig_config::GrblLamp;
-use said::{Report, State};
+use said::{Outputs, Report, State};
 use settings::Stored;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -29,6 +29,12 @@ const OUTPUT_REPORTS: usize = 40;
 /// Speed at which the switch is sought for a check, degrees per second, and the time between two looks.
 const CHECK_SPEED_DEG_S: f64 = 1.0;
 const CHECK_PERIOD: Duration = Duration::from_millis(30);
+/// Why a report that states the outputs proves no lamp level.
+const NO_LAMP: &str = "its reports prove no lamp level: FS: must state a spindle speed from 0 to $30 that A: does not contradict. The lamp \
+                       may be on: switch its supply off; send $10=1 (grblHAL: $10=511), build GRBL with VARIABLE_SPINDLE";
+/// Why nothing is known of the outputs.
+const NO_OUTPUTS: &str = "it never states its outputs (Ov:, A:), so that the lamp may be on: switch its supply off; use GRBL 1.1 with \
+                          REPORT_FIELD_OVERRIDES, on grblHAL send $10=511";
 /// Slip that the check can tell from its own delays and the switch's play, degrees.
 const SLIP_DEG: f64 = 0.3;
 
@@ -87,34 +93,38 @@ impl GrblArm {
         self.with(4 * ANSWER_TIME, |owner| Ok((owner.report()?, owner.homed)))
     }
 
-    /// A report that states the outputs as well; an override that noise on the line has set is refused.
-    fn look_at_outputs(&mut self) -> Result<(Report, bool), ArmError> {
-        for _ in 0..OUTPUT_REPORTS {
-            let (report, homed) = self.look()?;
-            match report.outputs {
-                Some(outputs) if !outputs.plain => {
-                    let reason =
-                        "its overrides are not at 100 %: noise on the line has set them; shield the cable".into();
-                    return Err(ArmError::Locked { reason });
-                }
-                Some(_) => return Ok((report, homed)),
-                None => {}
-            }
+    /// A report of a homed arm whose position can be believed; else the motor is stopped, and the arm is no longer homed.
+    fn stand(&mut self) -> Result<Report, ArmError> {
+        let (report, _) = self.look()?;
+        if let Err(fault) = self.believed(&report) {
+            self.halt()?;
+            return Err(fault);
         }
-        Err(refused("a status request", "it never states its outputs (A:, Ov:): update its firmware to GRBL 1.1"))
+        Ok(report)
     }
 
-    fn arm_status(&self, (report, homed): &(Report, bool)) -> ArmStatus {
-        let lamp_permille = match self.settings.lamp {
-            GrblLamp::Spindle => {
-                let share = report.spindle.unwrap_or(0.0) / self.stored.spindle_max;
-                (1000.0 * share.clamp(0.0, 1.0)).round() as u16
-            }
-            GrblLamp::Coolant => 1000 * u16::from(report.outputs.is_some_and(|outputs| outputs.coolant)),
-        };
+    fn believed(&self, report: &Report) -> Result<f64, ArmError> {
+        believed(self.settings.zero_deg + report.position_deg, self.settings.arm.travel_deg)
+    }
+
+    /// The lamp's level by a report that states the outputs, permille; none when it proves nothing.
+    fn lamp_permille(&self, report: &Report, outputs: Outputs) -> Option<u16> {
+        if self.settings.lamp == GrblLamp::Coolant {
+            return Some(1000 * u16::from(outputs.coolant));
+        }
+        let full = self.stored.spindle_max;
+        // Stated as a whole number, which may be up to half above $30.
+        let speed = report.spindle.filter(|speed| (0.0..=full + 0.5).contains(speed))?;
+        if speed > 0.0 {
+            return Some((1000.0 * speed / full).round().clamp(1.0, 1000.0) as u16);
+        }
+        (!outputs.spindle).then_some(0)
+    }
+
+    fn arm_status(&self, report: &Report, homed: bool, lamp_permille: u16) -> ArmStatus {
         ArmStatus {
             angle_deg: self.settings.zero_deg + report.position_deg,
-            homed: *homed && report.state != State::Alarm,
+            homed: homed && report.state != State::Alarm && self.believed(report).is_ok(),
             moving: matches!(report.state, State::Moving | State::Slowing),
             lamp_permille,
             faults: 0,
@@ -132,9 +142,9 @@ impl GrblArm {
         self.with(Duration::from_secs(10), |owner| owner.reset().map(|_| ()))
     }
 
-    /// Turns to a machine position; returns the report there.
-    fn turn(&mut self, to_deg: f64, cancel: &Cancel) -> Result<(Report, bool), ArmError> {
-        let from = self.look()?.0.position_deg;
+    /// Turns a homed arm to a machine position; returns the report there.
+    fn turn(&mut self, to_deg: f64, cancel: &Cancel) -> Result<Report, ArmError> {
+        let from = self.stand()?.position_deg;
         self.line("to move", format!("G21G90G53G0X{to_deg:.3}"), ANSWER_TIME, cancel)?;
         let arm = &self.settings.arm;
         let limit = allowance(travel_time_s((to_deg - from).abs(), arm.speed_deg_s, arm.acceleration_deg_s2));
@@ -144,7 +154,7 @@ impl GrblArm {
                 self.halt()?;
                 return Err(ArmError::Cancelled);
             }
-            let (report, _) = self.look()?;
+            let report = self.stand()?;
             match report.state {
                 State::Idle => break,
                 State::Moving if started.elapsed() < limit => thread::sleep(POLL_PERIOD),
@@ -157,10 +167,10 @@ impl GrblArm {
         }
         // Idle may have been said before the motion began; this line is taken when nothing is left to do.
         self.line("to move", "G4P0.01".into(), limit, cancel)?;
-        let there = self.look()?;
-        let off = (there.0.position_deg - to_deg).abs();
-        if there.0.state != State::Idle || off > self.settings.arm.tolerance_deg + 0.0005 {
-            return Err(self.not_arrived(&there.0, to_deg, started));
+        let there = self.stand()?;
+        let off = (there.position_deg - to_deg).abs();
+        if there.state != State::Idle || off > self.settings.arm.tolerance_deg + 0.0005 {
+            return Err(self.not_arrived(&there, to_deg, started));
         }
         Ok(there)
     }
@@ -175,24 +185,25 @@ impl GrblArm {
     }
 
     /// Where the switch trips when it is approached slowly, less where it should: what was lost since the last homing, degrees.
-    /// None when it does not trip within a degree beyond.
+    /// None when it does not trip within a degree beyond. At full speed the arm turns inside its travel only.
     fn slip(&mut self, cancel: &Cancel) -> Result<Option<f64>, ArmError> {
-        let away = if self.stored.switch_deg < 0.0 { 1.0 } else { -1.0 };
         let switch = self.stored.switch_deg;
-        let before = self.turn(switch + away * self.stored.pull_off_deg, cancel)?;
-        let beyond = switch - away * (1.0 + SLIP_DEG);
-        if before.0.at_switch {
+        let [lower, upper] = self.settings.arm.travel_deg.map(|angle| angle - self.settings.zero_deg);
+        let start = self.stored.home_deg().max(lower).min(upper);
+        let before = self.turn(start, cancel)?;
+        let beyond = switch - self.stored.away() * (1.0 + SLIP_DEG);
+        if before.at_switch {
             return Ok(None);
         }
         self.line("to home", format!("$J=G21G90G53X{beyond:.3}F{}", 60.0 * CHECK_SPEED_DEG_S), ANSWER_TIME, cancel)?;
-        let limit = allowance((self.stored.pull_off_deg + 2.0) / CHECK_SPEED_DEG_S);
+        let limit = allowance((beyond - start).abs() / CHECK_SPEED_DEG_S);
         let started = Instant::now();
         let found = loop {
             if cancel.is_cancelled() {
                 self.halt()?;
                 return Err(ArmError::Cancelled);
             }
-            let (report, _) = self.look()?;
+            let report = self.stand()?;
             if report.at_switch {
                 break Some(report.position_deg - switch);
             }
@@ -208,14 +219,26 @@ impl GrblArm {
 
     fn seek_home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
         let limit = seconds(self.settings.arm.home_timeout_s);
-        let flag = cancel.clone();
+        let (flag, home_deg) = (cancel.clone(), self.stored.home_deg());
         self.with(limit + Duration::from_secs(10), move |owner| {
             owner.homed = false;
             owner.line("to home", "$H", limit, &flag)?;
-            owner.homed = true;
+            // An `ok` alone proves nothing: after homing it counts from the switch.
+            let report = owner.report()?;
+            owner.homed = report.state == State::Idle && (report.position_deg - home_deg).abs() <= SLIP_DEG;
             Ok(())
         })?;
-        self.status()
+        let status = self.status()?;
+        if !status.homed || status.moving {
+            let reason = format!(
+                "after homing it must stand at {} degrees, $27 from its switch, and says {}: update its firmware; GRBL must be built \
+                 without HOMING_FORCE_SET_ORIGIN (config.h)",
+                self.settings.zero_deg + home_deg,
+                told(status.angle_deg)
+            );
+            return Err(refused("to home", reason));
+        }
+        Ok(status)
     }
 }
 
@@ -275,15 +298,29 @@ impl Arm for GrblArm {
         self.line("to set the lamp", line, ANSWER_TIME, &Cancel::default())?;
         let status = self.status()?;
         if status.lamp_permille != permille {
-            let reason = format!("{permille} permille asked, {} set: check $30 and $31", status.lamp_permille);
+            let check = if self.settings.lamp == GrblLamp::Spindle { "$30 and $31" } else { "the coolant output" };
+            let reason = format!("{permille} permille asked, {} set: check {check}", status.lamp_permille);
             return Err(refused("to set the lamp", reason));
         }
         Ok(status)
     }
 
+    /// From a report that states the outputs and proves the lamp's level; an override that noise on the line has set is refused.
     fn status(&mut self) -> Result<ArmStatus, ArmError> {
-        let seen = self.look_at_outputs()?;
-        Ok(self.arm_status(&seen))
+        let mut lacking = NO_OUTPUTS;
+        for _ in 0..OUTPUT_REPORTS {
+            let (report, homed) = self.look()?;
+            let Some(outputs) = report.outputs else { continue };
+            if !outputs.plain {
+                let reason = "its overrides are not at 100 %: noise on the line has set them; shield the cable".into();
+                return Err(ArmError::Locked { reason });
+            }
+            if let Some(lamp_permille) = self.lamp_permille(&report, outputs) {
+                return Ok(self.arm_status(&report, homed, lamp_permille));
+            }
+            lacking = NO_LAMP;
+        }
+        Err(refused("a status request", lacking))
     }
 
     /// An arm that stands keeps its home; one that moves is reset, which also switches the lamp off.

@@ -41,7 +41,7 @@ pub struct Report {
     pub state: State,
     /// Machine position of the X axis, degrees.
     pub position_deg: f64,
-    /// Programmed spindle speed, if stated.
+    /// Programmed spindle speed, if stated; not yet held against `$30`.
     pub spindle: Option<f64>,
     /// True while the X limit pin is active.
     pub at_switch: bool,
@@ -49,13 +49,16 @@ pub struct Report {
     pub outputs: Option<Outputs>,
 }
 
-/// Overrides and accessory outputs, stated together every tenth to thirtieth report.
+/// Overrides and accessory outputs, stated together every tenth to thirtieth report: beside `Ov:` every output that is on has its
+/// letter in `A:`, and `A:` is left out when none is. Without `Ov:` nothing is said of those that are off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
     /// Feed, rapids and spindle at 100 %.
     pub plain: bool,
     /// Flood or mist coolant on.
     pub coolant: bool,
+    /// Spindle on.
+    pub spindle: bool,
 }
 
 impl Said {
@@ -82,7 +85,8 @@ impl Said {
 impl Report {
     /// `<Idle|MPos:0.000,0.000,0.000|FS:0,0|...>`; none for anything else, and for a report without a machine position.
     fn of(line: &str) -> Option<Self> {
-        let mut fields = line.strip_prefix('<')?.strip_suffix('>')?.split('|');
+        // Two reports that noise has made one line of prove nothing.
+        let mut fields = line.strip_prefix('<')?.strip_suffix('>').filter(|inside| !inside.contains('<'))?.split('|');
         let state = match fields.next()? {
             "Idle" => State::Idle,
             "Run" | "Home" | "Jog" => State::Moving,
@@ -91,7 +95,7 @@ impl Report {
             "Alarm" => State::Alarm,
             _ => State::Other,
         };
-        let (mut position, mut spindle, mut at_switch, mut outputs, mut coolant) = (None, None, false, None, false);
+        let (mut position, mut spindle, mut at_switch, mut plain, mut on) = (None, None, false, None, "");
         for field in fields {
             let Some((name, value)) = field.split_once(':') else { continue };
             let mut numbers = value.split(',').map(str::parse::<f64>);
@@ -99,12 +103,17 @@ impl Report {
                 "MPos" => position = numbers.next()?.ok().filter(|x| x.is_finite()),
                 "FS" => spindle = numbers.nth(1).and_then(Result::ok),
                 "Pn" => at_switch = value.contains('X'),
-                "Ov" => outputs = Some(value == "100,100,100"),
-                "A" => coolant = value.contains(['F', 'M']),
+                "Ov" => plain = Some(value == "100,100,100"),
+                "A" => on = value,
                 _ => {}
             }
         }
-        let outputs = outputs.map(|plain| Outputs { plain, coolant });
+        let sensible = on.bytes().all(|letter| letter.is_ascii_uppercase());
+        let outputs = plain.filter(|_| sensible).map(|plain| Outputs {
+            plain,
+            coolant: on.contains(['F', 'M']),
+            spindle: on.contains(['S', 'C']),
+        });
         Some(Self { state, position_deg: position?, spindle, at_switch, outputs })
     }
 }
@@ -133,11 +142,25 @@ mod tests {
             Report { state: State::Idle, position_deg: -99.991, spindle: Some(0.0), at_switch: false, outputs: None };
         assert_eq!(idle, Some(expected));
         let on = report("<Run|MPos:-12.5,0.000,0.000|FS:1440,500|Ov:100,100,100|A:S>");
-        let outputs = Some(Outputs { plain: true, coolant: false });
+        let outputs = Some(Outputs { plain: true, coolant: false, spindle: true });
         assert_eq!(on.map(|r| (r.state, r.spindle, r.outputs)), Some((State::Moving, Some(500.0), outputs)));
         let odd = report("<Hold:0|MPos:0.000,0.000,0.000|Bf:100,1023|FS:0,0|Pn:XZ|Ov:100,100,90|A:FM|TLR:0>");
-        let outputs = Some(Outputs { plain: false, coolant: true });
+        let outputs = Some(Outputs { plain: false, coolant: true, spindle: false });
         assert_eq!(odd.map(|r| (r.state, r.at_switch, r.outputs)), Some((State::Held, true, outputs)));
+    }
+
+    #[test]
+    fn outputs_are_off_only_where_a_report_lists_those_that_are_on() {
+        let outputs =
+            |tail: &str| report(&format!("<Idle|MPos:0.000,0.000,0.000|FS:0,0{tail}>")).and_then(|r| r.outputs);
+        let off = Outputs { plain: true, coolant: false, spindle: false };
+        assert_eq!(outputs("|Ov:100,100,100"), Some(off));
+        assert_eq!(outputs("|Ov:100,100,100|A:"), Some(off));
+        assert_eq!(outputs("|Ov:100,100,100|A:CM"), Some(Outputs { plain: true, coolant: true, spindle: true }));
+        // GRBL's other reports, grblHAL's at a change, and noise.
+        for tail in ["", "|A:F", "|Ov:100,100,100|A:f", "|Ov:100,100,100|A:\u{fffd}"] {
+            assert_eq!(outputs(tail), None, "{tail}");
+        }
     }
 
     #[test]
@@ -146,6 +169,9 @@ mod tests {
             "<Idle|MPos:-9",
             "<Idle|MPos:abc,0,0|FS:0,0>",
             "<Idle|FS:0,0>",
+            "<Idle|MPos:-9.000,0,0|FS:0,8<Idle|MPos:-9.000,0,0|FS:0,0|Ov:100,100,100>",
+            "<Idle|MPos:nan,0,0|FS:0,0>",
+            "<Idle|MPos:inf,0,0|FS:0,0>",
             "<>",
             "error:",
             "ok?",

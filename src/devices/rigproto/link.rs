@@ -92,7 +92,8 @@ impl Owner {
     fn hello(&mut self) -> Result<HelloAck, ArmError> {
         let request = Request::Hello(Hello { proto_min: VERSION, proto_max: VERSION });
         match self.exchange(request, HELLO_TRIES)? {
-            Answer::HelloAck(ack) => Ok(ack),
+            Answer::HelloAck(ack) if ack.proto == VERSION => Ok(ack),
+            Answer::HelloAck(_) => Err(words::refusal(&request, ErrorCode::BadVersion)),
             Answer::Error(code) => Err(words::refusal(&request, code)),
             _ => Err(words::refusal(&request, ErrorCode::UnknownKind)),
         }

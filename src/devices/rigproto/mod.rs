@@ -5,7 +5,7 @@ mod words;
 
 use super::Cancel;
 use super::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
-use super::motion::{allowance, seconds, travel_time_s};
+use super::motion::{allowance, believed, seconds, travel_time_s};
 use super::serial::SerialTransport;
 use firmware_protocol::{Answer, ErrorCode, HelloAck, Request, Status};
 use link::Link;
@@ -75,7 +75,8 @@ impl RigprotoArm {
         let [major, minor, patch] = ack.firmware;
         let firmware = format!("rig firmware {major}.{minor}.{patch}, protocol {}", ack.proto);
         let identity = ArmIdentity { firmware, boot_nonce: ack.boot_nonce };
-        Ok(Self { link, settings, identity, move_id: 0 })
+        // Not an id that the device may still have from an earlier run, which would prove nothing.
+        Ok(Self { link, settings, identity, move_id: rand::random() })
     }
 
     fn ask(&mut self, request: Request) -> Result<Answer, ArmError> {
@@ -101,11 +102,13 @@ impl RigprotoArm {
     }
 
     fn next_move(&mut self) -> u32 {
-        self.move_id = self.move_id.wrapping_add(1);
+        // 0 is what a device states that has moved nothing since its boot.
+        self.move_id = self.move_id.wrapping_add(1).max(1);
         self.move_id
     }
 
-    /// Watches a motion until the motor stands, or for `limit` and then stops it; answers with the last status before that.
+    /// Watches a motion until the motor stands, or for `limit` and then stops it; answers with the last status before that. A status
+    /// that does not name the motion shows that the device never began it, whatever it acknowledged.
     fn follow(&mut self, request: Request, limit: Duration, cancel: &Cancel) -> Result<Status, ArmError> {
         let started = Instant::now();
         loop {
@@ -115,7 +118,13 @@ impl RigprotoArm {
             }
             let status = self.look()?;
             words::no_faults(words::name(&request), status.faults)?;
-            if !status.moving && status.move_id == self.move_id {
+            if status.move_id != self.move_id {
+                self.halt()?;
+                let reason =
+                    "it acknowledged and did not begin: update its firmware, check for a second program on the port";
+                return Err(ArmError::Refused { what: words::name(&request), reason: reason.into() });
+            }
+            if !status.moving {
                 return Ok(status);
             }
             if started.elapsed() > limit {
@@ -142,6 +151,25 @@ impl RigprotoArm {
             thread::sleep(POLL_PERIOD);
         }
     }
+
+    /// Where the arm says it stands, if it is homed and that can be believed.
+    fn believed(&self, what: &'static str, status: &Status) -> Result<f64, ArmError> {
+        if !status.homed {
+            return Err(words::not_homed(what));
+        }
+        believed(to_deg(status.position_mdeg), self.settings.travel_deg)
+    }
+
+    /// An arm whose position is not believed counts as not homed.
+    fn arm_status(&self, status: &Status) -> ArmStatus {
+        ArmStatus {
+            angle_deg: to_deg(status.position_mdeg),
+            homed: self.believed("a status request", status).is_ok(),
+            moving: status.moving,
+            lamp_permille: status.lamp_permille,
+            faults: status.faults.0,
+        }
+    }
 }
 
 impl Arm for RigprotoArm {
@@ -166,7 +194,8 @@ impl Arm for RigprotoArm {
             let reason = format!("not homed after {:.1} s: check the home switch", limit.as_secs_f64());
             return Err(ArmError::Refused { what: words::name(&request), reason });
         }
-        Ok(arm_status(&status))
+        self.believed(words::name(&request), &status)?;
+        Ok(self.arm_status(&status))
     }
 
     fn move_to(&mut self, angle_deg: f64, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
@@ -178,22 +207,23 @@ impl Arm for RigprotoArm {
         }
         let before = self.look()?;
         words::no_faults("to move", before.faults)?;
+        let distance = (angle_deg - self.believed("to move", &before)?).abs();
         let request = Request::MoveTo { target_mdeg: to_mdeg(angle_deg), move_id: self.next_move() };
         self.command(request)?;
-        let distance = (angle_deg - to_deg(before.position_mdeg)).abs();
         let limit = allowance(travel_time_s(distance, self.settings.speed_deg_s, self.settings.acceleration_deg_s2));
         let started = Instant::now();
         let status = self.follow(request, limit, cancel)?;
-        let error_deg = (to_deg(status.position_mdeg) - angle_deg).abs();
+        let stands_deg = self.believed("to move", &status)?;
+        let error_deg = (stands_deg - angle_deg).abs();
         // The wire counts whole millidegrees: half of one is no deviation.
         if status.moving || error_deg > self.settings.tolerance_deg + 0.0005 {
             return Err(ArmError::NotArrived {
-                angle_deg: to_deg(status.position_mdeg),
+                angle_deg: stands_deg,
                 target_deg: angle_deg,
                 waited_s: started.elapsed().as_secs_f64(),
             });
         }
-        Ok(arm_status(&status))
+        Ok(self.arm_status(&status))
     }
 
     fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
@@ -205,15 +235,15 @@ impl Arm for RigprotoArm {
             let reason = format!("{permille} permille asked, {} set: check the lamp", status.lamp_permille);
             return Err(ArmError::Refused { what: words::name(&request), reason });
         }
-        Ok(arm_status(&status))
+        Ok(self.arm_status(&status))
     }
 
     fn status(&mut self) -> Result<ArmStatus, ArmError> {
-        self.look().map(|status| arm_status(&status))
+        self.look().map(|status| self.arm_status(&status))
     }
 
     fn stop(&mut self) -> Result<ArmStatus, ArmError> {
-        self.halt().map(|status| arm_status(&status))
+        self.halt().map(|status| self.arm_status(&status))
     }
 }
 
@@ -238,14 +268,4 @@ fn to_mdeg(angle_deg: f64) -> i32 {
 
 fn to_deg(angle_mdeg: i32) -> f64 {
     f64::from(angle_mdeg) / 1000.0
-}
-
-fn arm_status(status: &Status) -> ArmStatus {
-    ArmStatus {
-        angle_deg: to_deg(status.position_mdeg),
-        homed: status.homed,
-        moving: status.moving,
-        lamp_permille: status.lamp_permille,
-        faults: status.faults.0,
-    }
 }

@@ -21,6 +21,11 @@ pub fn refusal(request: &Request, code: ErrorCode) -> ArmError {
     ArmError::Refused { what: name(request), reason: advice(code).to_owned() }
 }
 
+/// The arm does not know where it is.
+pub fn not_homed(what: &'static str) -> ArmError {
+    ArmError::Refused { what, reason: advice(ErrorCode::NotHomed).to_owned() }
+}
+
 /// The latched faults as an error of `what`; `Ok` when there are none.
 pub fn no_faults(what: &'static str, faults: Faults) -> Result<(), ArmError> {
     if faults.is_empty() {
