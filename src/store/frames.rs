@@ -1,7 +1,6 @@
 //! Frames on disk: names, and the write that makes one durable before it is journalled.
 
-use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
-use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
+use super::{Disk, Existing, StoreError, io_error, remove_if_there, sync_directory, write_synced};
 use std::path::Path;
 
 /// File name of a frame; `attempt` counts from 1 the shots made for this cell of the plan.
@@ -17,11 +16,8 @@ pub fn file_name(station: usize, exposure: usize, attempt: usize) -> String {
 pub fn write(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
     let temporary = directory.join(format!(".{name}.tmp"));
     let last = directory.join(name);
-    let named = write_synced(disk, &temporary, bytes).and_then(|()| {
-        disk.before(Step::Rename)
-            .and_then(|()| Ok(renameat2(AT_FDCWD, &temporary, AT_FDCWD, &last, RenameFlags::RENAME_NOREPLACE)?))
-            .map_err(|e| io_error("name", &last, &e))
-    });
+    let named = write_synced(disk, &temporary, bytes)
+        .and_then(|()| disk.rename(&temporary, &last, Existing::Kept).map_err(|e| io_error("name", &last, &e)));
     if let Err(error) = named {
         // A full disk needs the room back; what cannot be removed now is removed at the next start.
         let _ = remove_if_there(disk, &temporary);

@@ -1,6 +1,6 @@
 //! The manifest of a session: what was meant to happen, on what, with which software.
 
-use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
+use super::{Disk, Existing, StoreError, io_error, remove_if_there, sync_directory, write_synced};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -75,8 +75,6 @@ pub fn write(disk: &dyn Disk, directory: &Path, manifest: &Manifest) -> Result<(
         .map_err(|e| StoreError::Corrupt { path: path.display().to_string(), reason: e.to_string() })?;
     remove_if_there(disk, &temporary)?;
     write_synced(disk, &temporary, &bytes)?;
-    disk.before(Step::Rename)
-        .and_then(|()| std::fs::rename(&temporary, &path))
-        .map_err(|e| io_error("name", &path, &e))?;
+    disk.rename(&temporary, &path, Existing::Replaced).map_err(|e| io_error("name", &path, &e))?;
     sync_directory(disk, directory)
 }

@@ -2,7 +2,7 @@
 
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
-use super::{Disk, RealDisk, Step, StoreError, frames, io_error, sync_directory, write_synced};
+use super::{Disk, Existing, RealDisk, StoreError, frames, io_error, make_directories, sync_directory, write_synced};
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -39,8 +39,7 @@ impl Store {
     /// [`Store::open`] on a given disk.
     pub fn open_on(directory: &Path, reserve_bytes: u64, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         for shelf in [SESSIONS, CALIBRATIONS] {
-            let path = directory.join(shelf);
-            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+            make_directories(disk.as_ref(), &directory.join(shelf))?;
         }
         let path = directory.join("lock");
         let lock = File::create(&path).map_err(|e| io_error("open", &path, &e))?;
@@ -88,9 +87,8 @@ impl Store {
         let shelf = self.directory.join(manifest.shelf());
         let unfinished = shelf.join(format!("{UNFINISHED}{}", manifest.id));
         let last = shelf.join(&manifest.id);
-        for name in ["frames", "radiance"] {
-            let path = unfinished.join(name);
-            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+        for path in [unfinished.clone(), unfinished.join("frames"), unfinished.join("radiance")] {
+            self.disk.make_directory(&path).map_err(|e| io_error("create", &path, &e))?;
         }
         manifest::write(self.disk.as_ref(), &unfinished, manifest)?;
         for (name, bytes) in files {
@@ -99,10 +97,7 @@ impl Store {
         let path = unfinished.join(journal::FILE);
         let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, self.disk())?;
         let record = journal.append(kind, fields)?;
-        self.disk
-            .before(Step::Rename)
-            .and_then(|()| std::fs::rename(&unfinished, &last))
-            .map_err(|e| io_error("name", &last, &e))?;
+        self.disk.rename(&unfinished, &last, Existing::Kept).map_err(|e| io_error("name", &last, &e))?;
         journal.moved_to(&last);
         sync_directory(self.disk.as_ref(), &shelf)?;
         Ok((last, journal, record))
@@ -121,7 +116,7 @@ impl Store {
         for directory in directories {
             let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             if name.starts_with(UNFINISHED) {
-                std::fs::remove_dir_all(&directory).map_err(|e| io_error("remove", &directory, &e))?;
+                self.disk.remove_directory(&directory).map_err(|e| io_error("remove", &directory, &e))?;
                 continue;
             }
             match read_session(&directory) {
