@@ -140,18 +140,28 @@ fn check_session(directory: &Path) -> usize {
     files.len()
 }
 
+/// Kills of one session.
+const KILLS: usize = 3;
+
 /// Kills daemons at random moments of their sessions, again and again, until `kills` are done; every session goes on by itself and ends
-/// with each cell of the plan once, and no acknowledged frame is ever lost.
+/// with each cell of the plan once, no acknowledged frame is ever lost, and a kill costs no more than the bracket it met.
 fn kill_and_go_on(kills: usize) {
     let (rigged, mut random) = (Rigged::new(0.1), StdRng::seed_from_u64(SEED));
-    let (mut done, mut caught) = (0, 0);
+    let (mut done, mut caught, mut superseded, mut slowest) = (0, 0, 0, Duration::ZERO);
     while done < kills {
         let mut daemon = rigged.daemon();
         let id = begin(&daemon);
         let directory = rigged.data().join("sessions").join(&id);
         let mut acknowledged = BTreeMap::new();
-        for _ in 0..3 {
-            std::thread::sleep(Duration::from_millis(random.random_range(0..700)));
+        for _ in 0..KILLS {
+            if random.random() {
+                std::thread::sleep(Duration::from_millis(random.random_range(0..700)));
+            } else {
+                // The bracket of a replayed folder is soon over: this moment lies within one more often than chance has it.
+                let frames = committed(&directory).len();
+                until("a frame", || committed(&directory).len() > frames || ended(&directory));
+                std::thread::sleep(Duration::from_micros(random.random_range(0..20_000)));
+            }
             daemon.kill();
             done += 1;
             let before = committed(&directory);
@@ -162,7 +172,8 @@ fn kill_and_go_on(kills: usize) {
             let again = Instant::now();
             daemon = rigged.daemon();
             until("the session to be taken up", || session(&daemon, &id)["state"] != "interrupted");
-            assert!(again.elapsed() < Duration::from_secs(10), "kill {done}: taken up after {:?}", again.elapsed());
+            slowest = slowest.max(again.elapsed());
+            assert!(slowest < Duration::from_secs(10), "kill {done}: taken up after {slowest:?}");
             caught += usize::from(session(&daemon, &id)["state"] != "completed");
         }
         daemon.wait_for_end(&format!("/v1/sessions/{id}"));
@@ -176,9 +187,19 @@ fn kill_and_go_on(kills: usize) {
         check_session(&directory);
         let last = committed(&directory);
         assert!(acknowledged.iter().all(|(file, hash)| last.get(file) == Some(hash)), "seed {SEED}");
+        let again = last.len() - ANGLES_DEG.len() * EXPOSURES.len();
+        assert!(again <= KILLS * (EXPOSURES.len() - 1), "seed {SEED}: {again} frames shot again");
+        superseded += again;
         rigged.assert_at_rest("after a session");
     }
+    println!("{done} kills, {caught} in mid-session, {superseded} frames shot again, taken up within {slowest:.1?}");
     assert!(caught > kills / 2, "{caught} of {kills} kills met a session: the moments are badly chosen");
+}
+
+/// True once the session is completed.
+fn ended(directory: &Path) -> bool {
+    let read = journal::read(&directory.join(journal::FILE)).unwrap();
+    read.records.iter().any(|record| record["state"] == "completed")
 }
 
 /// Files and hashes of the frames that were ever acknowledged.
@@ -195,7 +216,7 @@ fn killed_at_random_moments_it_goes_on_and_loses_nothing() {
 }
 
 #[test]
-#[ignore = "half an hour: cargo test --release --test daemon_kill -- --ignored"]
+#[ignore = "ten minutes: cargo test --test daemon_kill -- --ignored --nocapture"]
 fn killed_five_hundred_times_it_goes_on_and_loses_nothing() {
     kill_and_go_on(500);
 }

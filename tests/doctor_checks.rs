@@ -5,7 +5,7 @@ mod host;
 use host::Tree;
 use rigd::cli::doctor::{clock, data};
 use rigd::devices::inspect::{Finding, Grade, port, refusal, usb};
-use rigd::store::{Disk, Step};
+use rigd::store::Disk;
 use std::io;
 use std::path::Path;
 
@@ -177,14 +177,12 @@ fn the_clock_is_wrong_unset_or_set() {
     assert_eq!(at("1970-01-01T00:03:00Z").grade, Grade::Warning);
 }
 
+#[derive(Debug)]
 struct Free(u64);
 
 impl Disk for Free {
     fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
         Ok(self.0)
-    }
-    fn before(&self, _step: Step) -> io::Result<()> {
-        Ok(())
     }
 }
 

@@ -337,7 +337,7 @@ impl Inner {
         let left = frames.saturating_sub(snapshot.frames_committed as u64);
         let plan_bytes = entry.work.capture().map_or(0, |plan| plan.estimated_bytes);
         self.store.check_space(plan_bytes / frames * left)?;
-        Store::make_shelves(&entry.directory)?;
+        self.store.make_shelves(&entry.directory)?;
         entry.journal = Some(self.store.open_journal(&entry.directory, &entry.manifest)?);
         entry.tail = journal::read(&entry.directory.join(journal::FILE))?.records;
         entry.worker_fault = None;

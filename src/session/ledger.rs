@@ -134,7 +134,7 @@ impl Ledger {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
                 self.snapshot.ended = None;
-                // A crash may have left less of a radiance image than its journal line says.
+                // The response that the first station gave went with the daemon: all are developed through one.
                 self.developed.clear();
                 self.snapshot.stations_developed = 0;
             }

@@ -12,13 +12,14 @@ use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
-use crate::store;
 use crate::store::dataset::SessionLight;
-use crate::store::files::{Unfinished, read_text};
+use crate::store::files::read_text;
 use crate::store::manifest::Manifest;
+use crate::store::{self, Disk, keep};
 use rig_config::Rig;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// A complete bracket of a session.
@@ -28,6 +29,8 @@ pub struct Bracket {
     pub session: String,
     /// Its directory.
     pub directory: PathBuf,
+    /// The disk it lies on.
+    pub disk: Arc<dyn Disk>,
     /// Index of the light station.
     pub station: usize,
     /// The frames, in shooting order.
@@ -39,6 +42,8 @@ pub struct Bracket {
 pub struct FitJob {
     /// The session's directory.
     pub directory: PathBuf,
+    /// The disk it lies on.
+    pub disk: Arc<dyn Disk>,
     /// The developed stations.
     pub stations: Vec<Station>,
     /// What the report must say before its own warnings.
@@ -52,6 +57,8 @@ pub struct FitJob {
 pub struct StepJob {
     /// The run's directory.
     pub directory: PathBuf,
+    /// The disk it lies on.
+    pub disk: Arc<dyn Disk>,
     /// Its manifest.
     pub manifest: Manifest,
     /// Its plan.
@@ -71,7 +78,8 @@ pub enum Judged {
     Refused(String),
 }
 
-/// The worker's pieces of work. Errors are reasons in words: they go to the journal.
+/// The worker's pieces of work. Errors are reasons in words: they go to the journal. What a piece of work made is durable when it
+/// returns: the journal says so next.
 pub trait Processing: Send {
     /// Exposures a bracket needs at least to be developed: a plan with fewer is refused before anything moves.
     fn least_exposures(&self) -> usize;
@@ -120,7 +128,7 @@ impl PipelineProcessing {
                 ball.rms_px
             );
         }
-        store::dataset::write_for_session(&job.directory, &rig, &lights, &origin).map_err(|e| e.to_string())
+        store::dataset::write_for_session(job.disk.as_ref(), &job.directory, &rig, &lights, &origin)
     }
 
     fn options(&self, request: &FitRequest) -> FitOptions {
@@ -175,7 +183,7 @@ impl Processing for PipelineProcessing {
             ("rigd.software", super::SOFTWARE.to_owned()),
         ];
         let path = bracket.directory.join(store::dataset::radiance_name(bracket.station));
-        write_radiance(&path, &developed.image, origin, camera, &attributes)?;
+        write_radiance(bracket.disk.as_ref(), &path, &developed.image, origin, camera, &attributes)?;
         if first.is_none() {
             self.known = Some((bracket.session.clone(), developed.known));
         }
@@ -199,15 +207,10 @@ impl Processing for PipelineProcessing {
         result.material.provenance.simulated = Some(self.rig.is_simulated());
         result.material.provenance.calibration = calibration.map(|calibration| calibration.title());
         result.report.warnings.splice(0..0, job.warnings.iter().cloned());
-        let unfinished = job.directory.join(".result");
-        clear(&unfinished)?;
-        store::result::write(&unfinished, &result).map_err(|e| {
-            let _ = clear(&unfinished);
-            e.to_string()
-        })?;
         let finished = job.directory.join("result");
-        clear(&finished)?;
-        std::fs::rename(&unfinished, &finished).map_err(|e| format!("cannot name {}: {e}", finished.display()))?;
+        keep::directory(job.disk.as_ref(), &finished, |unfinished| {
+            store::result::write(unfinished, &result).map_err(|e| e.to_string())
+        })?;
         read_json(&finished.join("report.json"))
     }
 }
@@ -238,27 +241,19 @@ pub(super) fn read_frame(directory: &Path, frame: &FrameRecord) -> Result<Vec<u8
     Ok(bytes)
 }
 
-/// Writes radiance that begins at pixel `origin` of the frame; the file appears whole or not at all.
+/// Writes radiance that begins at pixel `origin` of the frame; durable when this returns.
 pub(super) fn write_radiance(
+    disk: &dyn Disk,
     path: &Path,
     image: &RadianceImage,
     origin: (usize, usize),
     camera: &rig_config::Camera,
     attributes: &[(&str, String)],
 ) -> Result<(), String> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let mut unfinished = Unfinished::within(path.parent().unwrap_or(Path::new(".")));
     let size = (camera.width, camera.height);
-    store::exr::write_radiance(&unfinished.path(&name), image, origin, size, attributes).map_err(|e| e.to_string())?;
-    unfinished.finish().map_err(|(path, e)| format!("cannot name {}: {e}", path.display()))
-}
-
-/// Removes a directory that may be there.
-pub(super) fn clear(directory: &Path) -> Result<(), String> {
-    match std::fs::remove_dir_all(directory) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(format!("{}: {e}", directory.display())),
-        _ => Ok(()),
-    }
+    keep::file(disk, path, |unfinished| {
+        store::exr::write_radiance(unfinished, image, origin, size, attributes).map_err(|e| e.to_string())
+    })
 }
 
 /// Reads a JSON file; the reason names it.

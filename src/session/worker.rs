@@ -7,7 +7,7 @@ use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
-use crate::store::StoreError;
+use crate::store::{Disk, StoreError};
 use rig_config::Rig;
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
@@ -132,14 +132,19 @@ impl Worker {
         self.book.record(session, "station.developed", fields).map_err(Self::unrecorded)
     }
 
+    fn disk(&self) -> Arc<dyn Disk> {
+        self.book.lock().store.disk()
+    }
+
     /// Develops a bracket; what it says of its exposures.
     fn radiance(&mut self, session: &str, station: usize) -> Result<Value, String> {
+        let disk = self.disk();
         let bracket = self
             .book
             .look(session, |entry| {
                 let frames = entry.ledger.bracket(station)?;
                 let (session, directory) = (session.to_owned(), entry.directory.clone());
-                Some(Bracket { session, directory, station, frames })
+                Some(Bracket { session, directory, disk, station, frames })
             })
             .flatten()
             .ok_or_else(|| format!("the bracket of station {station} is not complete"))?;
@@ -148,11 +153,12 @@ impl Worker {
     }
 
     fn judge(&mut self, session: &str, step: usize) -> Result<Judged, String> {
+        let disk = self.disk();
         let job = self.book.look(session, |entry| {
             let plan = entry.work.calibration()?.clone();
             let frames: Option<_> = (0..plan.stations_of(step).end).map(|s| entry.ledger.bracket(s)).collect();
             let (directory, manifest) = (entry.directory.clone(), entry.manifest.clone());
-            Some(StepJob { directory, manifest, plan, step, frames: frames? })
+            Some(StepJob { directory, disk, manifest, plan, step, frames: frames? })
         });
         let job = job.flatten().ok_or_else(|| format!("the frames of step {step} are not complete"))?;
         let processing = &mut self.processing;
@@ -160,6 +166,7 @@ impl Worker {
     }
 
     fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
+        let disk = self.disk();
         let (complete, missing, job) = self
             .book
             .look(session, |entry| {
@@ -169,7 +176,7 @@ impl Worker {
                 let missing = (0..complete).any(|station| !ledger.is_developed(station));
                 let warnings = ledger.snapshot.warnings.clone();
                 let directory = entry.directory.clone();
-                Some((complete, missing, FitJob { directory, stations, warnings, request }))
+                Some((complete, missing, FitJob { directory, disk, stations, warnings, request }))
             })
             .flatten()
             .ok_or("there is no such session")?;

@@ -8,8 +8,8 @@ mod raw;
 
 pub use paths::inputs;
 
-use super::exr;
-use super::files::{self, Unfinished, shown};
+use super::files::{self, shown};
+use super::{Disk, exr, keep};
 use crate::numerics::geometry::{Light, Projection, Shape, Vec3};
 use crate::numerics::image::RadianceImage;
 use crate::pipeline::dataset::{Dataset, Geometry, NamedLight};
@@ -238,21 +238,25 @@ pub struct SessionLight {
 }
 
 /// Writes `directory/dataset.toml` for a rig's session: one light a station in the order of the plan, mm, images by
-/// [`radiance_name`]. `origin` says in one line where the geometry comes from.
+/// [`radiance_name`]. `origin` says in one line where the geometry comes from. Durable when this returns; a file cut off by a full
+/// disk or a crash would spoil every later fit.
+///
+/// # Errors
+/// In words.
 pub fn write_for_session(
+    disk: &dyn Disk,
     directory: &Path,
     rig: &rig_config::Rig,
     lights: &[SessionLight],
     origin: &str,
-) -> Result<(), DatasetError> {
-    let raw = RawDataset::of_session(rig, lights);
+) -> Result<(), String> {
     let path = directory.join(FILE);
-    let text = toml::to_string(&raw).map_err(|e| error(&path, e.to_string()))?;
+    let text =
+        toml::to_string(&RawDataset::of_session(rig, lights)).map_err(|e| error(&path, e.to_string()).to_string())?;
     let text = format!("# {origin}\n{text}");
-    // A file cut off by a full disk or a kill would spoil every later fit: it appears whole or not at all.
-    let mut unfinished = Unfinished::within(directory);
-    std::fs::write(unfinished.path(FILE), text).map_err(|e| error(&path, e.to_string()))?;
-    unfinished.finish().map_err(|(path, e)| error(&path, e.to_string()))
+    keep::file(disk, &path, |unfinished| {
+        std::fs::write(unfinished, text).map_err(|e| format!("{}: {e}", shown(unfinished)))
+    })
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 const LARGEST_TEXT: u64 = 16 << 20;
 
 /// What stands before the name of a file until it is whole; the ending stays, for it tells encoders the format.
-const UNFINISHED: &str = ".unfinished-";
+pub(super) const UNFINISHED: &str = ".unfinished-";
 
 /// A file, whatever it is called: device and inode.
 pub type Identity = (u64, u64);

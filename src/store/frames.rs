@@ -1,8 +1,7 @@
 //! Frames on disk: names, and the write that makes one durable before it is journalled.
 
 use super::files::read_bytes;
-use super::{Disk, Step, StoreError, io_error, remove_if_there, sync_directory, write_synced};
-use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
+use super::{Disk, Existing, StoreError, io_error, remove_if_there, sync_directory, write_synced};
 use std::path::Path;
 
 /// Where frames go that a crash left without a record, beside `frames/`.
@@ -21,11 +20,8 @@ pub fn file_name(station: usize, exposure: usize, attempt: usize) -> String {
 pub fn write(disk: &dyn Disk, directory: &Path, name: &str, bytes: &[u8]) -> Result<(), StoreError> {
     let temporary = directory.join(format!(".{name}.tmp"));
     let last = directory.join(name);
-    let named = write_synced(disk, &temporary, bytes).and_then(|()| {
-        disk.before(Step::Rename)
-            .and_then(|()| Ok(renameat2(AT_FDCWD, &temporary, AT_FDCWD, &last, RenameFlags::RENAME_NOREPLACE)?))
-            .map_err(|e| io_error("name", &last, &e))
-    });
+    let named = write_synced(disk, &temporary, bytes)
+        .and_then(|()| disk.rename(&temporary, &last, Existing::Kept).map_err(|e| io_error("name", &last, &e)));
     if let Err(error) = named {
         // A full disk needs the room back; what cannot be removed now is removed at the next start.
         let _ = remove_if_there(disk, &temporary);
@@ -93,10 +89,10 @@ pub fn set_strays_aside(
             remove_if_there(disk, &path)?;
             continue;
         }
-        std::fs::create_dir_all(&aside).map_err(|e| io_error("create", &aside, &e))?;
-        disk.before(Step::Rename)
-            .and_then(|()| std::fs::rename(&path, free_name(&aside, name)))
-            .map_err(|e| io_error("set aside", &path, &e))?;
+        if !aside.is_dir() {
+            disk.make_directory(&aside).map_err(|e| io_error("create", &aside, &e))?;
+        }
+        disk.rename(&path, &free_name(&aside, name), Existing::Kept).map_err(|e| io_error("set aside", &path, &e))?;
     }
     if !strays.is_empty() {
         sync_directory(disk, directory)?;

@@ -4,10 +4,9 @@
 //! `append` has returned: the line is then on disk. A last line that a crash left half written never counted and is cut.
 
 use super::files::check_regular;
-use super::{Disk, Step, StoreError, io_error, sync_directory};
+use super::{Disk, StoreError, io_error, sync_directory};
 use serde_json::{Map, Value, json};
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -99,8 +98,7 @@ fn hash(line: &[u8]) -> String {
 impl Journal {
     /// Starts the journal of a new session.
     pub fn create(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
-        let file =
-            OpenOptions::new().write(true).create_new(true).open(path).map_err(|e| io_error("create", path, &e))?;
+        let file = disk.create(path).map_err(|e| io_error("create", path, &e))?;
         if let Some(directory) = path.parent() {
             sync_directory(disk.as_ref(), directory)?;
         }
@@ -117,9 +115,8 @@ impl Journal {
             return Err(StoreError::Corrupt { path: path.display().to_string(), reason });
         }
         let mut file = OpenOptions::new().write(true).open(&path).map_err(|e| io_error("open", &path, &e))?;
-        file.set_len(read.length)
-            .and_then(|()| file.sync_all())
-            .and_then(|()| file.seek(SeekFrom::Start(read.length)).map(|_| ()))
+        disk.cut(&mut file, read.length)
+            .and_then(|()| disk.sync(&file))
             .map_err(|e| io_error("cut the torn last line of", &path, &e))?;
         let good = bytes.get(..read.length as usize).unwrap_or_default();
         let prev = good.split(|&b| b == b'\n').rfind(|line| !line.is_empty()).map(hash);
@@ -159,13 +156,13 @@ impl Journal {
     }
 
     fn write(&mut self, line: &[u8]) -> Result<(), StoreError> {
-        let written = self.disk.before(Step::Append).and_then(|()| self.file.write_all(line));
+        let written = self.disk.write(&mut self.file, line);
         if let Err(error) = written {
             self.cut_back();
             let error = io_error("append to", &self.path, &error);
             return Err(error.with_need(self.disk.as_ref(), line.len() as u64));
         }
-        self.disk.before(Step::SyncJournal).and_then(|()| self.file.sync_data()).map_err(|error| {
+        self.disk.sync(&self.file).map_err(|error| {
             // After a failed sync the kernel may have dropped the page: what is on disk is unknown, so nothing more is promised.
             self.unusable = Some(format!("a sync failed ({error}): restart the daemon, which reads what is there"));
             io_error("sync", &self.path, &error)
@@ -174,8 +171,7 @@ impl Journal {
 
     /// Takes back what a failed write may have left, so that the next line starts clean.
     fn cut_back(&mut self) {
-        let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
-        if let Err(error) = cut {
+        if let Err(error) = self.disk.cut(&mut self.file, self.length) {
             self.unusable = Some(format!("a half-written line could not be cut ({error}): restart the daemon"));
         }
     }

@@ -3,7 +3,8 @@
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
 use super::{
-    Disk, RealDisk, Step, StoreError, frames, io_error, remove_if_there, replace, sync_directory, write_synced,
+    Disk, Existing, RealDisk, StoreError, frames, io_error, make_directories, remove_if_there, replace, sync_directory,
+    write_synced,
 };
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
@@ -43,8 +44,7 @@ impl Store {
     /// [`Store::open`] on a given disk.
     pub fn open_on(directory: &Path, reserve_bytes: u64, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
         for shelf in [SESSIONS, CALIBRATIONS] {
-            let path = directory.join(shelf);
-            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+            make_directories(disk.as_ref(), &directory.join(shelf))?;
         }
         let path = directory.join("lock");
         let lock = File::create(&path).map_err(|e| io_error("open", &path, &e))?;
@@ -124,7 +124,8 @@ impl Store {
         let shelf = self.directory.join(manifest.shelf());
         let unfinished = shelf.join(format!("{UNFINISHED}{}", manifest.id));
         let last = shelf.join(&manifest.id);
-        Self::make_shelves(&unfinished)?;
+        self.disk.make_directory(&unfinished).map_err(|e| io_error("create", &unfinished, &e))?;
+        self.make_shelves(&unfinished)?;
         manifest::write(self.disk.as_ref(), &unfinished, manifest)?;
         for (name, bytes) in files {
             write_synced(self.disk.as_ref(), &unfinished.join(name), bytes)?;
@@ -132,20 +133,16 @@ impl Store {
         let path = unfinished.join(journal::FILE);
         let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, self.disk())?;
         let record = journal.append(kind, fields)?;
-        self.disk
-            .before(Step::Rename)
-            .and_then(|()| std::fs::rename(&unfinished, &last))
-            .map_err(|e| io_error("name", &last, &e))?;
+        self.disk.rename(&unfinished, &last, Existing::Kept).map_err(|e| io_error("name", &last, &e))?;
         journal.moved_to(&last);
         sync_directory(self.disk.as_ref(), &shelf)?;
         Ok((last, journal, record))
     }
 
     /// Makes the folders of a run where they are missing.
-    pub fn make_shelves(run: &Path) -> Result<(), StoreError> {
-        for name in ["frames", "radiance"] {
-            let path = run.join(name);
-            std::fs::create_dir_all(&path).map_err(|e| io_error("create", &path, &e))?;
+    pub fn make_shelves(&self, run: &Path) -> Result<(), StoreError> {
+        for path in ["frames", "radiance"].map(|name| run.join(name)).iter().filter(|path| !path.is_dir()) {
+            self.disk.make_directory(path).map_err(|e| io_error("create", path, &e))?;
         }
         Ok(())
     }
@@ -163,7 +160,7 @@ impl Store {
         for directory in directories {
             let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             if name.starts_with(UNFINISHED) {
-                if let Err(error) = std::fs::remove_dir_all(&directory) {
+                if let Err(error) = self.disk.remove_directory(&directory) {
                     unreadable.push(io_error("remove", &directory, &error));
                 }
                 continue;

@@ -17,8 +17,9 @@ use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
 use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::SessionState;
-use rigd::store::{Disk, RealDisk, Step, Store};
+use rigd::store::{Disk, Existing, RealDisk, Store};
 use serde_json::{Value, json};
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
@@ -184,26 +185,30 @@ impl Fakes {
 
     /// An engine whose manifests hold this rig file.
     pub fn engine_of(&self, data: &Path, rig: Rig, rig_text: &str) -> Result<EngineHandle, EngineError> {
-        let arm = self.clone();
-        start(self.parts(data, rig, rig_text, Box::new(move || arm.open_arm()), 10_000.0))
+        start(self.parts(self.store(data), rig, rig_text))
     }
 
     /// An engine in real time whose arm is opened by `open_arm`.
     pub fn engine_with_arm(&self, data: &Path, rig: Rig, open_arm: OpenArm) -> EngineHandle {
-        start(self.parts(data, rig, "name = \"fake rig\"", open_arm, 1.0)).unwrap()
+        start(EngineParts { open_arm, speed: 1.0, ..self.parts(self.store(data), rig, "name = \"fake rig\"") }).unwrap()
     }
 
-    fn parts(&self, data: &Path, rig: Rig, rig_text: &str, open_arm: OpenArm, speed: f64) -> EngineParts {
-        let camera = self.clone();
+    fn store(&self, data: &Path) -> Store {
+        Store::open_on(data, 1000, self.disk.clone()).unwrap()
+    }
+
+    /// What an engine on this store is made of, ten thousand times faster than real.
+    pub fn parts(&self, store: Store, rig: Rig, rig_text: &str) -> EngineParts {
+        let (arm, camera) = (self.clone(), self.clone());
         EngineParts {
             rig,
             rig_text: rig_text.into(),
-            store: Store::open_on(data, 1000, self.disk.clone()).unwrap(),
-            open_arm,
+            store,
+            open_arm: Box::new(move || arm.open_arm()),
             open_camera: Box::new(move |_| camera.open_camera()),
             remedies: Vec::new(),
             processing: Box::new(FakeProcessing(self.clone())),
-            speed,
+            speed: 10_000.0,
         }
     }
 
@@ -438,6 +443,7 @@ impl Processing for FakeProcessing {
 }
 
 /// The real disk, except that it has as much room as a test says and dies at the step a test says.
+#[derive(Debug)]
 pub struct TestDisk {
     pub free: AtomicU64,
     /// Steps left before it is dead for good; negative: it lives.
@@ -463,14 +469,8 @@ impl Default for TestDisk {
     }
 }
 
-impl Disk for TestDisk {
-    fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
-        let free = self.free.load(Ordering::SeqCst);
-        self.asked.fetch_add(1, Ordering::SeqCst);
-        Ok(free)
-    }
-
-    fn before(&self, step: Step) -> io::Result<()> {
+impl TestDisk {
+    fn step(&self) -> io::Result<RealDisk> {
         self.steps.fetch_add(1, Ordering::SeqCst);
         let left = self.steps_left.load(Ordering::SeqCst);
         if left == 0 {
@@ -482,9 +482,45 @@ impl Disk for TestDisk {
         if left > 0 {
             self.steps_left.store(left - 1, Ordering::SeqCst);
         }
-        if self.full.load(Ordering::SeqCst) && matches!(step, Step::Write | Step::Append) {
+        Ok(RealDisk)
+    }
+}
+
+impl Disk for TestDisk {
+    fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
+        let free = self.free.load(Ordering::SeqCst);
+        self.asked.fetch_add(1, Ordering::SeqCst);
+        Ok(free)
+    }
+    fn make_directory(&self, path: &Path) -> io::Result<()> {
+        self.step()?.make_directory(path)
+    }
+    fn create(&self, path: &Path) -> io::Result<File> {
+        self.step()?.create(path)
+    }
+    fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
+        let disk = self.step()?;
+        if self.full.load(Ordering::SeqCst) {
             return Err(io::ErrorKind::StorageFull.into());
         }
-        RealDisk.before(step)
+        disk.write(file, bytes)
+    }
+    fn cut(&self, file: &mut File, length: u64) -> io::Result<()> {
+        self.step()?.cut(file, length)
+    }
+    fn sync(&self, file: &File) -> io::Result<()> {
+        self.step()?.sync(file)
+    }
+    fn rename(&self, from: &Path, to: &Path, existing: Existing) -> io::Result<()> {
+        self.step()?.rename(from, to, existing)
+    }
+    fn sync_directory(&self, directory: &Path) -> io::Result<()> {
+        self.step()?.sync_directory(directory)
+    }
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.step()?.remove(path)
+    }
+    fn remove_directory(&self, path: &Path) -> io::Result<()> {
+        self.step()?.remove_directory(path)
     }
 }

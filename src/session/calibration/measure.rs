@@ -14,8 +14,9 @@ use crate::pipeline::calibration::lights::{
     CardFrame, LightFrames, LightsCalibration, LightsSettings, calibrate_lights, intensities, shadows,
 };
 use crate::pipeline::calibration::response::ResponseCalibration;
-use crate::session::processing::{Judged, StepJob, clear, read_frame};
+use crate::session::processing::{Judged, StepJob, read_frame};
 use crate::session::quality::Optics;
+use crate::store::keep;
 use rig_config::{Calibration, Rig};
 use serde_json::{Value, json};
 
@@ -249,15 +250,14 @@ fn all_views(job: &StepJob, board: &Board) -> Result<CameraCalibration, Stop> {
     }
 }
 
-/// What was measured in `result/`, whole or not at all; its hash, for the journal.
+/// What was measured in `result/`, durable when this returns; its hash, for the journal.
 pub(super) fn write(job: &StepJob, name: &str, text: &str) -> Result<String, Stop> {
-    let (unfinished, finished) = (job.directory.join(".result"), job.directory.join("result"));
-    clear(&unfinished).and_then(|()| clear(&finished)).map_err(fail)?;
-    let written = std::fs::create_dir(&unfinished)
-        .and_then(|()| std::fs::write(unfinished.join(name), text))
-        .and_then(|()| std::fs::rename(&unfinished, &finished));
-    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
-    written.map(|()| hash).map_err(|e| fail(format!("cannot write {}: {e}", finished.join(name).display())))
+    keep::directory(job.disk.as_ref(), &job.directory.join("result"), |unfinished| {
+        let written = std::fs::create_dir(unfinished).and_then(|()| std::fs::write(unfinished.join(name), text));
+        written.map_err(|e| format!("cannot write {}: {e}", unfinished.join(name).display()))
+    })
+    .map_err(fail)?;
+    Ok(blake3::hash(text.as_bytes()).to_hex().to_string())
 }
 
 fn summary_of_camera(camera: &CameraCalibration) -> Value {

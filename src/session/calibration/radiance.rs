@@ -117,8 +117,8 @@ impl<'a> Stations<'a> {
             let developed =
                 develop(&frames, None, Some(&known), &noise).map_err(|e| RadianceError::Frames(e.to_string()))?;
             let attributes = [("rigd.session", self.job.manifest.id.clone()), ("rigd.station", station.to_string())];
-            write_radiance(&self.job.directory.join(file(station)), &developed.image, (0, 0), camera, &attributes)
-                .map_err(RadianceError::Disk)?;
+            let (disk, path) = (self.job.disk.as_ref(), self.job.directory.join(file(station)));
+            write_radiance(disk, &path, &developed.image, (0, 0), camera, &attributes).map_err(RadianceError::Disk)?;
         }
         Ok(())
     }
