@@ -191,6 +191,18 @@ fn an_ok_to_homing_proves_none() {
 }
 
 #[test]
+fn a_homing_whose_ok_is_lost_is_made_again_at_once() {
+    let peer = Peer::new(|heard| {
+        let mut board = Grbl::new(heard, &[], |_: &Seen, report: String| report);
+        board.lost_ok = true;
+        board
+    });
+    let mut arm = open(&fast(Kind::Grbl, &peer)).unwrap();
+    assert!(home(&mut arm).unwrap().homed);
+    assert_eq!(peer.heard("$H").len(), 2);
+}
+
+#[test]
 fn a_lamp_is_off_only_by_a_sensible_speed_of_none() {
     let absent = "F:0";
     for field in [absent, "FS:0", "FS:0,", "FS:0,nan", "FS:0,-5", "FS:0,inf", "FS:0,1001", "FS:0,x", "FS:0,0"] {
@@ -219,7 +231,8 @@ fn one_report_that_noise_spoiled_costs_another_look_and_nothing_else() {
 
 #[test]
 fn a_lamp_on_the_coolant_output_is_off_only_by_a_report_that_lists_what_is_on() {
-    let lies: [(fn(String) -> String, &str); 4] = [
+    type Lie = fn(String) -> String;
+    let lies: [(Lie, &str); 4] = [
         (|report| report, "1000 set"),
         (|report| report.replace("|Ov:100,100,100", ""), "never states its outputs"),
         (|report| report.replace("|Ov:100,100,100|A:SF", ""), "never states its outputs"),

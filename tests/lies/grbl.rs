@@ -20,6 +20,8 @@ pub struct Grbl<L> {
     at_switch: bool,
     /// Its outputs stay on.
     pub stuck: bool,
+    /// The `ok` of its next homing is lost.
+    pub lost_ok: bool,
     seen: Seen,
     line: Vec<u8>,
     heard: Arc<Mutex<Vec<String>>>,
@@ -39,7 +41,18 @@ impl<L: FnMut(&Seen, String) -> String> Grbl<L> {
         };
         let settings = usual.map(|(n, v)| (n.parse().unwrap(), v)).map(|(n, v)| (n, value(n, v))).collect();
         let (line, seen) = (Vec::new(), Seen::default());
-        Self { settings, position: 0.0, locked: true, at_switch: false, stuck: false, seen, line, heard, lie }
+        Self {
+            settings,
+            position: 0.0,
+            locked: true,
+            at_switch: false,
+            stuck: false,
+            lost_ok: false,
+            seen,
+            line,
+            heard,
+            lie,
+        }
     }
 
     fn off(&mut self) {
@@ -75,6 +88,9 @@ impl<L: FnMut(&Seen, String) -> String> Grbl<L> {
                 self.position = target(line);
             }
             _ => {}
+        }
+        if line == "$H" && std::mem::take(&mut self.lost_ok) {
+            return said;
         }
         said + "ok\r\n"
     }

@@ -1,7 +1,7 @@
 //! Lines and reports on the port: one line in flight, believed only by its own `ok`.
 
 use super::advice;
-use super::said::{Report, Said};
+use super::said::{Report, Said, State};
 use crate::devices::Cancel;
 use crate::devices::arm::ArmError;
 use crate::devices::port_thread::{PortOwner, PortThread};
@@ -120,7 +120,7 @@ impl Owner {
     }
 
     /// Sends a line until it is taken, within `limit`; returns what was said before the `ok`. A line that noise damaged is sent once
-    /// more, and so is a short one whose `ok` does not come: every line this driver sends may be carried out twice.
+    /// more, and so is one whose `ok` does not come though nothing turns: every line this driver sends may be carried out twice.
     pub fn line(
         &mut self,
         what: &'static str,
@@ -134,7 +134,9 @@ impl Owner {
                 Ok(Ok(said)) => return Ok(said),
                 Ok(Err(code)) if advice::garbled(code) => (advice::error(what, code), true),
                 Ok(Err(code)) => return Err(advice::error(what, code)),
-                Err(silence @ ArmError::NoAnswer { .. }) => (silence, limit <= ANSWER_TIME),
+                Err(silence @ ArmError::NoAnswer { waited_s, .. }) => {
+                    (silence, limit <= ANSWER_TIME || waited_s < limit.as_secs_f64())
+                }
                 Err(other) => return Err(other),
             };
             // Half a line may lie in its buffer.
@@ -159,6 +161,7 @@ impl Owner {
         self.send(format!("{text}\n").as_bytes())?;
         let started = Instant::now();
         let mut said = Vec::new();
+        let (mut asked, mut stands) = (false, false);
         loop {
             if cancel.is_cancelled() {
                 self.reset()?;
@@ -166,11 +169,22 @@ impl Owner {
             }
             let end = (started + limit).min(Instant::now() + ANSWER_TIME);
             match self.hear_sound(what, end)? {
-                Some(Said::Ok) => return Ok(Ok(said)),
+                Some(Said::Ok) => {
+                    if asked {
+                        // A late report must not answer the next question.
+                        self.rest()?;
+                    }
+                    return Ok(Ok(said));
+                }
                 Some(Said::Error(code)) => return Ok(Err(code)),
                 Some(Said::Other(line)) if said.len() < MAX_LINES => said.push(line),
+                Some(Said::Report(report)) => stands = matches!(report.state, State::Idle | State::Alarm),
                 Some(_) => {}
-                None if started.elapsed() < limit => {}
+                // While it works at a long line it says so; one that stands has lost the line, or its `ok` was lost.
+                None if started.elapsed() < limit && !stands => {
+                    asked = true;
+                    self.send(b"?")?;
+                }
                 None => return Err(ArmError::NoAnswer { what, waited_s: started.elapsed().as_secs_f64() }),
             }
         }

@@ -220,7 +220,7 @@ impl GrblArm {
     fn seek_home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
         let limit = seconds(self.settings.arm.home_timeout_s);
         let (flag, home_deg) = (cancel.clone(), self.stored.home_deg());
-        self.with(limit + Duration::from_secs(10), move |owner| {
+        self.with(2 * limit + Duration::from_secs(10), move |owner| {
             owner.homed = false;
             owner.line("to home", "$H", limit, &flag)?;
             // An `ok` alone proves nothing: after homing it counts from the switch.
