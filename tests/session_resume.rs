@@ -165,6 +165,21 @@ fn a_frame_that_is_no_longer_what_was_committed_is_shot_again_with_its_bracket()
 }
 
 #[test]
+fn an_arm_that_falls_silent_while_it_is_homed_again_is_brought_back() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let id = ended_after(&fakes, data.path(), 3);
+    let mut once = true;
+    fakes.on_arm(move |call, _| {
+        let silent = || ArmError::NoAnswer { what: "status", waited_s: 0.8 };
+        (call == "home" && std::mem::take(&mut once)).then(silent)
+    });
+    let engine = fakes.engine(data.path());
+    wait_for(&engine, &id, S::Completed);
+    assert_eq!(events(&engine, &id, "fault.raised").len(), 1);
+    assert_whole(&fakes, &engine, &id);
+}
+
+#[test]
 fn another_rig_file_does_not_go_on_with_it() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
     let id = ended_after(&fakes, data.path(), 3);

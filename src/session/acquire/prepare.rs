@@ -1,6 +1,6 @@
 //! What comes before the first frame: what an earlier run of the session left is adopted, then devices are opened and made ready.
 
-use super::{Acquisition, Ended};
+use super::{Acquisition, Ended, Trouble};
 use crate::session::ledger::FrameRecord;
 use crate::session::worker::Job;
 use serde_json::json;
@@ -53,8 +53,12 @@ impl Acquisition<'_> {
         self.doubt_devices(&arm, &camera)?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
-        self.bench.prepare(&self.book.cancel).map_err(|e| self.arm_ended(&e))?;
-        self.rest(self.rig.lamp.soak_s)
+        let Err(error) = self.bench.prepare(&self.book.cancel) else { return self.rest(self.rig.lamp.soak_s) };
+        match self.arm_trouble(&error) {
+            // In a session with frames an arm that falls silent is brought back here as it is between two frames.
+            Trouble::Arm(reason) if self.resumed => self.recover(reason),
+            _ => Err(self.arm_ended(&error)),
+        }
     }
 
     /// Devices that are not fit for a session end a new one, and leave one with frames as it was.
