@@ -219,7 +219,8 @@ fn the_fourth_take_up_without_a_frame_is_left_to_the_operator() {
 /// Frames are pictures: what no record knows is set aside, what is not ours is left, and a journal that says nothing costs nothing.
 #[test]
 fn nothing_that_may_be_a_frame_is_ever_removed() {
-    let damages: [(&str, fn(Vec<u8>) -> Vec<u8>); 4] = [
+    type Damage = fn(Vec<u8>) -> Vec<u8>;
+    let damages: [(&str, Damage); 4] = [
         ("empty", |_| Vec::new()),
         ("zeros", |bytes| vec![0; bytes.len()]),
         ("a last line that somebody wrote over", |bytes| {
@@ -259,11 +260,11 @@ fn nothing_that_may_be_a_frame_is_ever_removed() {
     }
 }
 
-/// Contents of all whole frames of a session, wherever they lie.
+/// Contents of all whole frames of a session, whatever they are called.
 fn pictures(session: &Path) -> BTreeSet<Vec<u8>> {
-    let shelves = ["frames", "unacknowledged"].map(|shelf| std::fs::read_dir(session.join(shelf)));
-    let files = shelves.into_iter().flatten().flatten().flatten().map(|entry| entry.path());
-    files.filter(|path| path.extension().is_some_and(|e| e == "jpg")).map(|path| std::fs::read(path).unwrap()).collect()
+    let files = std::fs::read_dir(session.join("frames")).unwrap().map(|entry| entry.unwrap().path());
+    let whole = |path: &std::path::PathBuf| path.extension().is_some_and(|e| e == "jpg" || e == "unacknowledged");
+    files.filter(whole).map(|path| std::fs::read(path).unwrap()).collect()
 }
 
 /// What is no file of ours must neither hang the daemon nor keep it down.

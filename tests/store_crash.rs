@@ -6,14 +6,14 @@ use rigd::session::engine::start;
 use rigd::session::state::SessionState as S;
 use rigd::store::manifest::Manifest;
 use rigd::store::sessions::FrameWriter;
-use rigd::store::{Store, StoreError};
+use rigd::store::{Store, StoreError, frames};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 use support::{Fakes, begin, until};
 
-/// Every journalled frame has a file of that size and hash, and nothing else lies in `frames/`.
+/// Every journalled frame has a file of that size and hash, and nothing else lies in `frames/` but what was set aside.
 fn assert_frames_hold(session: &Path, journal: &[Value], what: &str) {
     let mut files = BTreeSet::new();
     for record in journal.iter().filter(|r| r["type"] == "frame.committed") {
@@ -26,6 +26,7 @@ fn assert_frames_hold(session: &Path, journal: &[Value], what: &str) {
     let on_disk: BTreeSet<String> = std::fs::read_dir(session.join("frames"))
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| !name.ends_with(frames::ASIDE))
         .collect();
     assert_eq!(on_disk, files, "{what}: strays");
 }
@@ -142,6 +143,7 @@ fn a_session_that_a_crash_left_running_is_marked_interrupted_and_the_lamp_is_swi
     assert!(sessions[0].reason.is_some());
     let events = engine.events_after("01a0-crashed", 0).unwrap();
     assert_frames_hold(&directory, &events, "after the crash");
+    assert!(directory.join("frames/000-01.jpg.unacknowledged").exists());
     assert_eq!(events.last().unwrap()["state"], "interrupted");
     until("the lamp to go off", || fakes.world().lamp == 0 && !fakes.world().arm_open);
     fakes.assert_safe();

@@ -55,7 +55,10 @@ pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
 
 /// Files that no record of the journal knows: a daemon removes those of its own that a crash left.
 fn strays(shelf: &Path, known: &BTreeSet<String>) -> Result<Vec<String>, StoreError> {
-    let mut strays: Vec<String> = frames::names(shelf)?.into_iter().filter(|name| !known.contains(name)).collect();
+    let mut strays: Vec<String> = frames::names(shelf)?
+        .into_iter()
+        .filter(|name| !known.contains(name) && !name.ends_with(frames::ASIDE))
+        .collect();
     strays.sort();
     Ok(strays.into_iter().map(|name| format!("{}: the journal does not know it", shelf.join(name).display())).collect())
 }

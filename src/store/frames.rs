@@ -4,8 +4,8 @@ use super::files::read_bytes;
 use super::{Disk, Existing, StoreError, io_error, remove_if_there, sync_directory, write_synced};
 use std::path::Path;
 
-/// Where frames go that a crash left without a record, beside `frames/`.
-pub const ASIDE: &str = "unacknowledged";
+/// Ending of frames that a crash left without a record.
+pub const ASIDE: &str = ".unacknowledged";
 
 /// File name of a frame; `attempt` counts from 1 the shots made for this cell of the plan.
 pub fn file_name(station: usize, exposure: usize, attempt: usize) -> String {
@@ -70,7 +70,7 @@ pub fn is_frame(name: &str) -> bool {
 }
 
 /// Clears `directory` of what a crash left: temporary files are removed, frames that `journalled` does not know (they were never
-/// acknowledged, but they are pictures) go to the directory [`ASIDE`] beside it, and everything that is not ours is left. Returns the names.
+/// acknowledged, but they are pictures) get the ending [`ASIDE`], and everything that is not ours is left. Returns the names.
 pub fn set_strays_aside(
     disk: &dyn Disk,
     directory: &Path,
@@ -82,17 +82,14 @@ pub fn set_strays_aside(
     };
     let mut strays: Vec<String> = names(directory)?.into_iter().filter(ours).collect();
     strays.sort();
-    let aside = directory.with_file_name(ASIDE);
     for name in &strays {
         let path = directory.join(name);
         if name.starts_with('.') {
             remove_if_there(disk, &path)?;
             continue;
         }
-        if !aside.is_dir() {
-            disk.make_directory(&aside).map_err(|e| io_error("create", &aside, &e))?;
-        }
-        disk.rename(&path, &free_name(&aside, name), Existing::Kept).map_err(|e| io_error("set aside", &path, &e))?;
+        let aside = free_name(directory, name);
+        disk.rename(&path, &aside, Existing::Kept).map_err(|e| io_error("set aside", &path, &e))?;
     }
     if !strays.is_empty() {
         sync_directory(disk, directory)?;
@@ -100,8 +97,9 @@ pub fn set_strays_aside(
     Ok(strays)
 }
 
-/// A name in `aside` that nothing has yet: one cell of a plan may be caught by several crashes.
-fn free_name(aside: &Path, name: &str) -> std::path::PathBuf {
-    let numbered = |n: usize| aside.join(if n == 0 { name.to_owned() } else { format!("{n}-{name}") });
-    (0..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| aside.join(name))
+/// A name that nothing has yet: one cell of a plan may be caught by several crashes.
+fn free_name(directory: &Path, name: &str) -> std::path::PathBuf {
+    let numbered =
+        |n: usize| directory.join(if n == 0 { format!("{name}{ASIDE}") } else { format!("{name}.{n}{ASIDE}") });
+    (0..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| directory.join(name))
 }
