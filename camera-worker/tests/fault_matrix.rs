@@ -26,6 +26,7 @@ use serde_json::{Value, json};
 use simulated_eos::{Fault, Moment};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 const ANGLES_DEG: [f64; 2] = [-20.0, 50.0];
@@ -255,10 +256,13 @@ fn mean_difference(a: &Image<[u8; 3]>, b: &Image<[u8; 3]>) -> f64 {
 
 /// Sessions at one time: they mostly wait. libgphoto2 gives a PTP/IP camera 2 s, which many sessions at once might use up.
 const TOGETHER: usize = 6;
-const TOGETHER_ON_USB: usize = 12;
+const TOGETHER_ON_USB: usize = 6;
 
 /// Survives them all, some at a time.
 fn survive_all(cases: Vec<(Trouble, usize)>, together: usize) {
+    // The tests of this file side by side would be too many for a simulated arm to answer in time.
+    static ALONE: Mutex<()> = Mutex::new(());
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let next = AtomicUsize::new(0);
     std::thread::scope(|scope| {
         for _ in 0..together {
