@@ -97,7 +97,7 @@ fn twenty_mistakes_are_all_listed() {
     let text = error.to_string();
     assert!(text.starts_with("rig.toml: 25 mistakes\n"), "{text}");
     assert!(text.contains("did you mean `acceleration_deg_s2`?"), "{text}");
-    assert!(text.contains("is -30: must be above 0"), "{text}");
+    assert!(text.contains("is -30: must be at least 0.001"), "{text}");
 }
 
 #[test]

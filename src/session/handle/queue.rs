@@ -2,7 +2,7 @@
 
 use super::{EngineError, EngineHandle};
 use crate::session::book::Inner;
-use crate::session::plan::{CapturePlan, PlanError};
+use crate::session::plan::PlanError;
 use crate::session::queue::{MOST_ENTRIES, QueueEntry, QueueRequest};
 use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
@@ -83,9 +83,13 @@ impl EngineHandle {
         if inner.queue.entries.len() >= MOST_ENTRIES {
             reasons.push(format!("the queue has {MOST_ENTRIES} entries: remove one"));
         }
-        // A lack of room or a calibration that is stale by then is met when its turn comes; what is no plan at all is told now.
-        if let Err(PlanError { reasons: more }) = CapturePlan::new(&self.rig, &request.session) {
-            reasons.extend(more.into_iter().map(|reason| format!("session.{reason}")));
+        // A lack of room is met when its turn comes; what could not be shot today is told now.
+        match self.planned(&inner, &request.session) {
+            Ok(_) => {}
+            Err(EngineError::Plan(PlanError { reasons: more })) => {
+                reasons.extend(more.into_iter().map(|reason| format!("session.{reason}")));
+            }
+            Err(error) => return Err(error),
         }
         if !reasons.is_empty() {
             return Err(PlanError { reasons }.into());
