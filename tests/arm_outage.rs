@@ -77,14 +77,10 @@ fn outages(kind: Kind, seed: u64) -> Vec<Duration> {
 /// 21 returns a driver, half of them behind a boot loader.
 #[test]
 fn an_arm_that_comes_back_is_shaken_hands_with_within_two_seconds() {
-    let of_kind = |kind| {
-        thread::spawn(move || -> Vec<Duration> {
-            let sessions: Vec<_> = (0..7).map(|seed| thread::spawn(move || outages(kind, seed))).collect();
-            sessions.into_iter().flat_map(|session| session.join().unwrap()).collect()
-        })
-    };
-    for (kind, measuring) in KINDS.map(|kind| (kind, of_kind(kind))) {
-        let mut times = measuring.join().unwrap();
+    // One driver after the other: more simulated boards at once might not answer in time.
+    for kind in KINDS {
+        let sessions: Vec<_> = (0..7).map(|seed| thread::spawn(move || outages(kind, seed))).collect();
+        let mut times: Vec<Duration> = sessions.into_iter().flat_map(|session| session.join().unwrap()).collect();
         times.sort();
         let (count, worst) = (times.len(), times[times.len() - 1]);
         println!("{kind:?}: {count} returns, handshake done after {:?} (median), {worst:?} (worst)", times[count / 2]);
