@@ -137,6 +137,10 @@ fn bad_requests_are_refused_with_every_reason() {
     for part in ["runs: 0", "not_before: ", "every_s: ", "session.name: ", "session.stations_deg[0]: "] {
         assert!(said.contains(part), "{part}: {said}");
     }
+    for body in [r#"{"session": ["a"]}"#, r#"{"session": null}"#, r#"{"sesion": {}}"#] {
+        assert!(serde_json::from_str::<QueueRequest>(body).is_err(), "{body}");
+    }
+    assert_eq!(serde_json::from_str::<QueueRequest>("{}").unwrap(), QueueRequest::default());
     assert!(engine.queue().entries.is_empty());
 }
 

@@ -9,7 +9,8 @@ use super::plan::StartRequest;
 use super::state::SessionState;
 use crate::store::{Store, StoreError};
 use jiff::{SignedDuration, Timestamp};
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -29,6 +30,7 @@ pub const LONGEST_EVERY_S: f64 = 366.0 * 86_400.0;
 #[serde(deny_unknown_fields, default)]
 pub struct QueueRequest {
     /// The session, as in `POST /v1/sessions`.
+    #[serde(deserialize_with = "object")]
     pub session: StartRequest,
     /// How often it is shot.
     #[schema(minimum = 1, maximum = 10_000)]
@@ -41,6 +43,15 @@ pub struct QueueRequest {
     pub every_s: Option<f64>,
     /// A run that fails holds the queue until somebody releases it; otherwise the next entry is started.
     pub hold_on_failure: bool,
+}
+
+/// An object and nothing else: a list would be taken for the values of its keys in their order.
+fn object<'de, D: Deserializer<'de>>(from: D) -> Result<StartRequest, D::Error> {
+    let value = serde_json::Value::deserialize(from)?;
+    if !value.is_object() {
+        return Err(D::Error::custom("session must be an object, {} for the rig file's own plan"));
+    }
+    StartRequest::deserialize(value).map_err(D::Error::custom)
 }
 
 impl Default for QueueRequest {
