@@ -99,7 +99,7 @@ fn dropped_and_doubled_frames_move_nothing_twice_and_acknowledge_nothing_that_is
 
 /// Several minutes.
 #[test]
-#[ignore = "the long form of the test above"]
+#[ignore = "minutes: cargo test --test arm_line -- --ignored --nocapture"]
 fn dropped_and_doubled_frames_for_long() {
     in_parallel(|kind, seed| dropped_and_doubled(kind, seed, 100), 100..110);
 }

@@ -92,5 +92,8 @@ fn line(queued: &QueuedSession) -> String {
     };
     let gigabytes = queued.estimated_bytes.map(|bytes| format!("  {:.1} GB", bytes as f64 / 1e9)).unwrap_or_default();
     let refused = entry.refused.as_ref().map(|why| format!("  (refused: {why})")).unwrap_or_default();
-    format!("{}  run {} of {}  {when}{gigabytes}  {name}{refused}", entry.id, entry.started, entry.request.runs)
+    format!(
+        "{}  {} of {} runs started  {when}{gigabytes}  {name}{refused}",
+        entry.id, entry.started, entry.request.runs
+    )
 }

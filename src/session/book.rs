@@ -2,6 +2,10 @@
 //! worker and handle share it; the state in it is also how a user's verb reaches the engine.
 
 mod found;
+mod taken_up;
+mod wait;
+
+pub use wait::Next;
 
 use super::calibration::progress::CalibrationSnapshot;
 use super::handle::{EngineError, SessionSnapshot};
@@ -12,33 +16,15 @@ use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
 use super::work::Work;
 use super::worker::Fault;
 use crate::devices::Cancel;
-use crate::store::journal::{self, Journal};
+use crate::store::journal::Journal;
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
 use crate::store::{Store, StoreError};
-use rig_config::Rig;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
 use tokio::sync::watch;
-
-/// A wait without an end of its own is renewed this often.
-const LONG: Duration = Duration::from_secs(3600);
-
-/// What the engine finds to do.
-pub enum Next {
-    /// This run.
-    Run(String),
-    /// Nothing came in time.
-    Nothing,
-    /// The daemon ends.
-    End,
-}
-
-/// Whoever waits shows at least so often that it does so.
-const BEAT: Duration = Duration::from_secs(1);
 
 /// All runs, shared.
 pub struct Book {
@@ -186,60 +172,6 @@ impl Book {
         self.changed.notify_all();
     }
 
-    /// True when a run waits for the engine.
-    pub fn has_work(&self) -> bool {
-        self.lock().pending.is_some()
-    }
-
-    /// Waits for a run, for `at_most` if that is given, or for the daemon's end.
-    pub fn next_session(&self, at_most: Option<Duration>) -> Next {
-        let look = |inner: &mut Inner| {
-            let run = inner.pending.take();
-            if run.is_some() && !inner.shutdown {
-                self.cancel.clear();
-            }
-            run.map(Next::Run).or_else(|| inner.shutdown.then_some(Next::End))
-        };
-        loop {
-            match (self.wait(at_most.unwrap_or(LONG), look), at_most) {
-                (Some(next), _) => return next,
-                (None, Some(_)) => return Next::Nothing,
-                (None, None) => {}
-            }
-        }
-    }
-
-    /// Waits until `look` finds something or the time is over.
-    pub fn wait<T>(&self, time: Duration, look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
-        self.wait_with(time, || self.cancel.beat(), look)
-    }
-
-    /// The same for others than the engine and who works for it: it is no sign of life of theirs.
-    pub fn watch<T>(&self, time: Duration, look: impl FnMut(&mut Inner) -> Option<T>) -> Option<T> {
-        self.wait_with(time, || {}, look)
-    }
-
-    fn wait_with<T>(
-        &self,
-        time: Duration,
-        beat: impl Fn(),
-        mut look: impl FnMut(&mut Inner) -> Option<T>,
-    ) -> Option<T> {
-        let end = Instant::now() + time;
-        let mut inner = self.lock();
-        loop {
-            if let Some(found) = look(&mut inner) {
-                return Some(found);
-            }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return None;
-            }
-            beat();
-            inner = self.changed.wait_timeout(inner, left.min(BEAT)).unwrap_or_else(PoisonError::into_inner).0;
-        }
-    }
-
     /// Journals a record of a session; it counts once this has returned.
     pub fn record(&self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
         self.lock().record(id, kind, fields)?;
@@ -323,27 +255,6 @@ impl Inner {
         self.runs.insert(id.clone(), entry);
         self.pending = Some(id.clone());
         self.entry(&id)
-    }
-
-    /// Takes an interrupted session up again and leaves it for the engine, which goes on where it ended; the caller tells it.
-    pub fn take_up(&mut self, id: &str, rig_text: &str, reason: &str) -> Result<&Entry, EngineError> {
-        self.check_idle()?;
-        let entry = self.runs.get_mut(id).ok_or_else(|| unknown(id))?;
-        if !same_rig(&entry.manifest.rig_file, rig_text) {
-            return Err(EngineError::RigChanged { id: id.to_owned() });
-        }
-        let snapshot = &entry.ledger.snapshot;
-        let frames = (snapshot.frames_planned as u64).max(1);
-        let left = frames.saturating_sub(snapshot.frames_committed as u64);
-        let plan_bytes = entry.work.capture().map_or(0, |plan| plan.estimated_bytes);
-        self.store.check_space(plan_bytes / frames * left)?;
-        self.store.make_shelves(&entry.directory)?;
-        entry.journal = Some(self.store.open_journal(&entry.directory, &entry.manifest)?);
-        entry.tail = journal::read(&entry.directory.join(journal::FILE))?.records;
-        entry.worker_fault = None;
-        self.happen(id, Event::Asked(Verb::Resume), Some(reason)).map_err(|e| EngineError::Storage(e.to_string()))?;
-        self.pending = Some(id.to_owned());
-        self.entry(id)
     }
 
     /// Changes the queue; a change that cannot be written is not made.
@@ -434,12 +345,6 @@ impl Inner {
         let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
         Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
     }
-}
-
-/// Whether frames of both rigs belong together: one lamp, one camera, one geometry, one hidden world. Ports, speeds and plans may differ.
-fn same_rig(before: &str, now: &str) -> bool {
-    let read = |text: &str| Rig::from_toml(text, "").ok();
-    before == now || read(before).zip(read(now)).is_some_and(|(before, now)| before.sees_like(&now))
 }
 
 fn unknown(id: &str) -> EngineError {

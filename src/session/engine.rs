@@ -106,10 +106,8 @@ struct Engine {
 
 impl Engine {
     fn run(mut self) {
-        // A session that is taken up opens the arm, which puts the lamp out, and is cleaned up after in its turn.
-        if !self.book.has_work() {
-            self.make_safe();
-        }
+        // Before a session is taken up as well: it holds all its frames against their hashes first, and a GRBL has no dead-man.
+        self.make_safe();
         loop {
             match self.book.next_session(self.bench.is_unsafe().then_some(SAFE_AGAIN)) {
                 Next::Run(id) => self.run_session(&id),

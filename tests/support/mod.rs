@@ -1,12 +1,15 @@
 //! A rig of fakes in memory, scripted by the tests: arm, camera, disk, worker steps, and a hand-made rig description.
 #![allow(dead_code, missing_docs, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod description;
+pub mod disk;
 pub mod jpeg;
 
-use rig_config::{
-    Arm as ArmConfig, ArmDriver, Camera as CameraConfig, CameraDriver, Fit, Lamp, Plan, Rig, Server, Shutter, Sphere,
-    Storage,
-};
+#[allow(unused_imports, reason = "each test file uses its part")]
+pub use description::{LEVEL, PARK, SIZE, rig};
+use disk::TestDisk;
+
+use rig_config::Rig;
 use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
@@ -17,73 +20,12 @@ use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
 use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use rigd::session::state::SessionState;
-use rigd::store::{Disk, Existing, RealDisk, Store};
+use rigd::store::Store;
 use serde_json::{Value, json};
-use std::fs::File;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-
-pub const SIZE: (usize, usize) = (32, 24);
-pub const LEVEL: u16 = 900;
-pub const PARK: f64 = -60.0;
-
-/// Three stations, two exposures.
-pub fn rig() -> Rig {
-    Rig {
-        name: "fake rig".into(),
-        arm: ArmConfig {
-            driver: ArmDriver::Rigproto { port: "/dev/null".into() },
-            baud: 115_200,
-            speed_deg_s: 30.0,
-            acceleration_deg_s2: 60.0,
-            travel_deg: [-90.0, 170.0],
-            tolerance_deg: 0.05,
-            settle_s: 0.5,
-            park_deg: PARK,
-            home_timeout_s: 30.0,
-        },
-        lamp: Lamp {
-            level_permille: LEVEL,
-            soak_s: 60.0,
-            circle_center_mm: [0.0, 0.0, 1500.0],
-            circle_radius_mm: 600.0,
-            intensity: [4e5; 3],
-        },
-        camera: CameraConfig {
-            driver: CameraDriver::Gphoto2 { model: None, port: None, power_hook: None },
-            width: SIZE.0,
-            height: SIZE.1,
-            focal_px: [300.0; 2],
-            principal_px: [16.0, 12.0],
-            distortion: [0.0; 5],
-            f_number: 5.6,
-            iso: 100,
-            full_well_e: 50_000.0,
-            read_noise_e: 10.0,
-        },
-        object: Sphere { center_mm: [0.0, 0.0, 1500.0], radius_mm: 30.0 },
-        plan: Plan {
-            stations_deg: vec![-20.0, 15.0, 50.0],
-            exposures: ["1/100", "0.4"].map(|l| Shutter::from_label(l).unwrap()).to_vec(),
-        },
-        fit: Fit {
-            materials: Some(2),
-            model: "ward".into(),
-            lobe: "auto".into(),
-            gains: "auto".into(),
-            solver: "zheng2008".into(),
-            objective: "noise".into(),
-            cosine_cutoff: 0.15,
-        },
-        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
-        server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
-        simulation: None,
-        calibration: None,
-    }
-}
 
 /// What the fakes did and where they stand.
 #[derive(Debug, Default)]
@@ -439,88 +381,5 @@ impl Processing for FakeProcessing {
         }
         self.0.world().fitted.push(job.stations.len());
         Ok(json!({"mean_relative_error": 0.04, "iterations": 3, "termination": "converged"}))
-    }
-}
-
-/// The real disk, except that it has as much room as a test says and dies at the step a test says.
-#[derive(Debug)]
-pub struct TestDisk {
-    pub free: AtomicU64,
-    /// Steps left before it is dead for good; negative: it lives.
-    pub steps_left: AtomicI64,
-    pub dead: AtomicBool,
-    /// Nothing can be written, whatever `free` says.
-    pub full: AtomicBool,
-    pub steps: AtomicU64,
-    /// How often the room was asked for.
-    pub asked: AtomicU64,
-}
-
-impl Default for TestDisk {
-    fn default() -> Self {
-        Self {
-            free: AtomicU64::new(u64::MAX),
-            steps_left: AtomicI64::new(-1),
-            dead: AtomicBool::new(false),
-            full: AtomicBool::new(false),
-            steps: AtomicU64::new(0),
-            asked: AtomicU64::new(0),
-        }
-    }
-}
-
-impl TestDisk {
-    fn step(&self) -> io::Result<RealDisk> {
-        self.steps.fetch_add(1, Ordering::SeqCst);
-        let left = self.steps_left.load(Ordering::SeqCst);
-        if left == 0 {
-            self.dead.store(true, Ordering::SeqCst);
-        }
-        if self.dead.load(Ordering::SeqCst) {
-            return Err(io::Error::other("killed by the test"));
-        }
-        if left > 0 {
-            self.steps_left.store(left - 1, Ordering::SeqCst);
-        }
-        Ok(RealDisk)
-    }
-}
-
-impl Disk for TestDisk {
-    fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
-        let free = self.free.load(Ordering::SeqCst);
-        self.asked.fetch_add(1, Ordering::SeqCst);
-        Ok(free)
-    }
-    fn make_directory(&self, path: &Path) -> io::Result<()> {
-        self.step()?.make_directory(path)
-    }
-    fn create(&self, path: &Path) -> io::Result<File> {
-        self.step()?.create(path)
-    }
-    fn write(&self, file: &mut File, bytes: &[u8]) -> io::Result<()> {
-        let disk = self.step()?;
-        if self.full.load(Ordering::SeqCst) {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        disk.write(file, bytes)
-    }
-    fn cut(&self, file: &mut File, length: u64) -> io::Result<()> {
-        self.step()?.cut(file, length)
-    }
-    fn sync(&self, file: &File) -> io::Result<()> {
-        self.step()?.sync(file)
-    }
-    fn rename(&self, from: &Path, to: &Path, existing: Existing) -> io::Result<()> {
-        self.step()?.rename(from, to, existing)
-    }
-    fn sync_directory(&self, directory: &Path) -> io::Result<()> {
-        self.step()?.sync_directory(directory)
-    }
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        self.step()?.remove(path)
-    }
-    fn remove_directory(&self, path: &Path) -> io::Result<()> {
-        self.step()?.remove_directory(path)
     }
 }

@@ -1,7 +1,7 @@
 //! The thread that starts what is due, one session after another.
 
 use super::Queue;
-use crate::session::book::{Book, Entry, Inner};
+use crate::session::book::{Book, Inner};
 use crate::session::handle::{EngineError, EngineHandle};
 use crate::session::state::SessionState;
 use jiff::Timestamp;
@@ -22,6 +22,7 @@ pub fn spawn(book: Arc<Book>, engine: EngineHandle) -> std::io::Result<()> {
 struct Dispatcher {
     book: Arc<Book>,
     engine: EngineHandle,
+    /// Nothing is done before: the rig cannot work, or the disk takes no change.
     not_before: Instant,
 }
 
@@ -94,6 +95,9 @@ fn next(inner: &mut Inner, not_before: Instant) -> Option<Next> {
     if inner.shutdown || inner.ended {
         return Some(Next::End);
     }
+    if Instant::now() < not_before {
+        return None;
+    }
     if let Some((entry, session)) = inner.queue.running() {
         let ledger = inner.entry(session).ok().map(|run| &run.ledger);
         let Some(ledger) = ledger else {
@@ -108,7 +112,6 @@ fn next(inner: &mut Inner, not_before: Instant) -> Option<Next> {
             frames: snapshot.frames_committed,
         });
     }
-    let idle = inner.active().map(Entry::state).is_none();
-    let due = inner.queue.due(Timestamp::now()).filter(|_| idle && Instant::now() >= not_before)?;
+    let due = inner.queue.due(Timestamp::now()).filter(|_| inner.active().is_none())?;
     Some(Next::Start { entry: due.id.clone() })
 }
