@@ -4,7 +4,7 @@ use crate::labels::{Aperture, Format, ImageFormat, Iso, Shutter};
 use serde::{Deserialize, Serialize};
 
 /// Version of these messages; both sides must have the same.
-pub const PROTOCOL: u32 = 2;
+pub const PROTOCOL: u32 = 3;
 
 /// Third stops from one second that a shutter can be: a microsecond to an hour.
 const SHUTTERS: std::ops::RangeInclusive<i32> = -60..=36;
@@ -12,6 +12,8 @@ const SHUTTERS: std::ops::RangeInclusive<i32> = -60..=36;
 /// A request with the time its caller gives it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Call {
+    /// The caller's number of this request; its reply has the same.
+    pub number: u64,
     /// Seconds until the caller kills the worker. The worker does not watch it: a call of the library may never return.
     pub deadline_s: f64,
     /// What is wanted.
@@ -93,6 +95,15 @@ pub struct Shot {
     pub iso: u32,
     /// Files wanted.
     pub format: ImageFormat,
+}
+
+/// A reply with the number of the request it answers, so that one said twice or late is not believed of another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// [`Call::number`].
+    pub number: u64,
+    /// What the worker says.
+    pub reply: Reply,
 }
 
 /// What the worker answers.
@@ -283,13 +294,13 @@ mod tests {
     #[test]
     fn calls_are_as_documented() {
         let call: Call = serde_json::from_str(
-            r#"{"deadline_s": 62, "request": {"shoot": {"shutter": {"label": "15"}, "f_number": 5.6, "iso": 100, "format": "raw"}}}"#,
+            r#"{"number": 7, "deadline_s": 62, "request": {"shoot": {"shutter": {"label": "15"}, "f_number": 5.6, "iso": 100, "format": "raw"}}}"#,
         )
         .unwrap();
         let shot = Shot { shutter: ShutterWish::Label("15".into()), f_number: 5.6, iso: 100, format: ImageFormat::Raw };
-        assert_eq!(call, Call { deadline_s: 62.0, request: Request::Shoot(shot) });
+        assert_eq!(call, Call { number: 7, deadline_s: 62.0, request: Request::Shoot(shot) });
         assert_eq!(call.request.deadline_s(), 62.0, "a dial of 15 is 16 s");
-        assert!(serde_json::from_str::<Call>(r#"{"deadline_s": 1, "request": {"format": "disk"}}"#).is_err());
+        assert!(serde_json::from_str::<Call>(r#"{"number": 7, "deadline_s": 1, "request": {"format": "disk"}}"#).is_err());
     }
 
     #[test]

@@ -13,7 +13,7 @@ mod shoot;
 
 use anyhow::Context;
 use camera_messages::frame::{self, FrameError};
-use camera_messages::message::Call;
+use camera_messages::message::{Answer, Call};
 use session::Session;
 use std::fs::File;
 use std::io;
@@ -48,6 +48,6 @@ fn serve() -> anyhow::Result<()> {
             Err(error) => return Err(error.into()),
         };
         let (reply, blob) = session.answer(call.request);
-        frame::write(&mut replies, &reply, &blob)?;
+        frame::write(&mut replies, &Answer { number: call.number, reply }, &blob)?;
     }
 }

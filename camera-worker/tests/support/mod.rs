@@ -6,7 +6,7 @@ pub mod usb;
 use camera_messages::frame;
 use camera_messages::labels::ImageFormat;
 use camera_messages::message::{
-    Call, Failure, FileEntry, Identity, PROTOCOL, ReadBack, Reply, Request, Shot, ShutterWish,
+    Answer, Call, Failure, FileEntry, Identity, PROTOCOL, ReadBack, Reply, Request, Shot, ShutterWish,
 };
 use simulated_eos::{Body, BodyOptions, ExposureSettings, Picture, PictureKind, Sensor, Server};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
@@ -56,7 +56,8 @@ pub fn shot(label: &str, format: ImageFormat) -> Shot {
 pub struct Worker {
     pub child: Child,
     requests: Option<ChildStdin>,
-    replies: Receiver<(Reply, Vec<u8>)>,
+    replies: Receiver<(Answer, Vec<u8>)>,
+    sent: u64,
     _home: TempDir,
 }
 
@@ -93,7 +94,7 @@ impl Worker {
                 }
             }
         });
-        Self { child, requests, replies, _home: home }
+        Self { child, requests, replies, sent: 0, _home: home }
     }
 
     /// Starts one, agrees on the messages, and opens the camera of `server`.
@@ -124,14 +125,18 @@ impl Worker {
     }
 
     pub fn send(&mut self, request: Request) {
-        let call = Call { deadline_s: request.deadline_s(), request };
+        self.sent += 1;
+        let call = Call { number: self.sent, deadline_s: request.deadline_s(), request };
         frame::write(self.requests.as_mut().unwrap(), &call, &[]).unwrap();
     }
 
     /// The next reply, none if the worker ended. A worker that says nothing for two minutes fails the test.
     pub fn reply(&mut self) -> Option<(Reply, Vec<u8>)> {
         match self.replies.recv_timeout(Duration::from_secs(120)) {
-            Ok(reply) => Some(reply),
+            Ok((answer, blob)) => {
+                assert_eq!(answer.number, self.sent, "the answer to another request");
+                Some((answer.reply, blob))
+            }
             Err(RecvTimeoutError::Disconnected) => None,
             Err(RecvTimeoutError::Timeout) => panic!("the worker does not answer"),
         }

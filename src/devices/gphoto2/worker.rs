@@ -1,7 +1,7 @@
 //! The camera worker as a child process: one request at a time, each with a deadline that is kept by killing it.
 
 use camera_messages::frame;
-use camera_messages::message::{Call, Failure, PROTOCOL, Reply, Request};
+use camera_messages::message::{Answer, Call, Failure, PROTOCOL, Reply, Request};
 use std::io::{self, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -62,7 +62,9 @@ pub enum WorkerError {
 pub struct Worker {
     child: Child,
     requests: Option<ChildStdin>,
-    replies: Receiver<Result<(Reply, Vec<u8>), String>>,
+    replies: Receiver<Result<(Answer, Vec<u8>), String>>,
+    /// Requests sent so far.
+    sent: u64,
 }
 
 impl Worker {
@@ -96,7 +98,7 @@ impl Worker {
             }
         };
         thread::Builder::new().name("camera-replies".into()).spawn(read).map_err(failed)?;
-        let mut worker = Self { child, requests: Some(requests), replies };
+        let mut worker = Self { child, requests: Some(requests), replies, sent: 0 };
         match worker.call(Request::Hello { protocol: PROTOCOL }, given_up)? {
             (Reply::Hello { protocol: PROTOCOL, .. }, _) => Ok(worker),
             (other, _) => Err(WorkerError::Lost(format!(
@@ -109,12 +111,18 @@ impl Worker {
     pub fn call(&mut self, request: Request, given_up: &dyn Fn() -> bool) -> Result<(Reply, Vec<u8>), WorkerError> {
         let deadline_s = request.deadline_s();
         let requests = self.requests.as_mut().ok_or_else(|| WorkerError::Lost("it was ended".into()))?;
-        frame::write(requests, &Call { deadline_s, request }, &[]).map_err(|e| WorkerError::Lost(e.to_string()))?;
+        self.sent += 1;
+        let call = Call { number: self.sent, deadline_s, request };
+        frame::write(requests, &call, &[]).map_err(|e| WorkerError::Lost(e.to_string()))?;
         let end = Instant::now() + Duration::try_from_secs_f64(deadline_s).unwrap_or(Duration::from_secs(3600));
         loop {
             match self.replies.recv_timeout(LOOK) {
-                Ok(Ok((Reply::Failed(failure), _))) => return Err(failure.into()),
-                Ok(Ok(reply)) => return Ok(reply),
+                Ok(Ok((Answer { number, .. }, _))) if number != self.sent => {
+                    self.kill();
+                    return Err(WorkerError::Lost(format!("it answered request {number} when {} was asked", self.sent)));
+                }
+                Ok(Ok((Answer { reply: Reply::Failed(failure), .. }, _))) => return Err(failure.into()),
+                Ok(Ok((answer, blob))) => return Ok((answer.reply, blob)),
                 Ok(Err(reason)) => return Err(WorkerError::Lost(reason)),
                 Err(RecvTimeoutError::Disconnected) => return Err(WorkerError::Lost("it has ended".into())),
                 Err(RecvTimeoutError::Timeout) if given_up() => {
@@ -156,5 +164,41 @@ impl Drop for Worker {
         if !self.has_ended_within(END) {
             self.kill();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// A program that says these answers whatever it is asked.
+    fn says(answers: &[(u64, Reply)], dir: &std::path::Path) -> WorkerCommand {
+        let mut bytes = Vec::new();
+        for (number, reply) in answers {
+            frame::write(&mut bytes, &Answer { number: *number, reply: reply.clone() }, &[]).unwrap();
+        }
+        let said = dir.join("said");
+        std::fs::write(&said, bytes).unwrap();
+        WorkerCommand {
+            program: concat!(env!("CARGO_MANIFEST_DIR"), "/tests/worker/says").into(),
+            home: dir.join("home"),
+            environment: vec![("SAYS".into(), said.display().to_string())],
+        }
+    }
+
+    fn hello() -> Reply {
+        Reply::Hello { protocol: PROTOCOL, version: String::new() }
+    }
+
+    #[test]
+    fn a_reply_said_twice_answers_no_second_request() {
+        let dir = tempfile::tempdir().unwrap();
+        let never = || false;
+        let twice = says(&[(1, hello()), (1, hello()), (2, Reply::Closed)], dir.path());
+        let error = Worker::start(&twice, &never).unwrap().call(Request::Close, &never).unwrap_err();
+        assert!(matches!(&error, WorkerError::Lost(reason) if reason.contains("request 1 when 2")), "{error}");
+        let once = says(&[(1, hello()), (2, Reply::Closed)], dir.path());
+        assert_eq!(Worker::start(&once, &never).unwrap().call(Request::Close, &never).unwrap().0, Reply::Closed);
     }
 }
