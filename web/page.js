@@ -95,7 +95,7 @@ function follow(id) {
   stream = new EventSource(`/v1/sessions/${id}/events`);
   const source = stream;
   const changed = () => { heard = Date.now(); lost = false; refresh(); };
-  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget"]) {
+  for (const type of ["message", "session.state", "arm.moved", "frame.committed", "frame.rejected", "bracket.rejected", "lamp.drifted", "station.developed", "fault.raised", "fault.cleared", "fit.progress", "fit.finished", "calibration.doubted", "time.budget"]) {
     source.addEventListener(type, changed);
   }
   source.onopen = changed;
@@ -132,6 +132,7 @@ async function showSession(id) {
   $("figures").textContent = `${s.frames_committed} of ${s.frames_planned} frames, ${station}, `
     + `${s.stations_developed} developed${left}; started ${when(s.started)}${s.ended ? `, ended ${when(s.ended)}` : ""}`;
   $("figures").textContent += overhead(s.time_budget);
+  $("refusals").textContent = s.refused ? `${s.refused} refused and shot again, the last: ${s.last_refusal}` : "";
   showGrid(s, frames);
   if (s.mean_relative_error != null && $("result").dataset.of !== `${id} ${s.last_seq}`) await showResult(s);
 }

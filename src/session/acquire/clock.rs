@@ -1,6 +1,7 @@
 //! Where the time of an acquisition goes.
 
-use super::{Acquisition, Taken};
+use super::Acquisition;
+use super::shooting::Taken;
 use crate::devices::camera::Shot;
 use crate::session::budget::{Stage, TimeBudget};
 use std::time::{Duration, Instant};
