@@ -283,3 +283,41 @@ fn an_abort_does_not_wait_for_a_camera_that_hangs() {
     world.camera.release();
     assert!(reason.is_none_or(|reason| reason.contains("switch the camera off and on")));
 }
+
+#[test]
+fn pictures_that_do_not_show_what_their_exif_says_are_retaken() {
+    let world = World::start();
+    world.frames(6);
+    world.camera.inject(Fault::StalePicture);
+    world.camera.inject(Fault::GreyBelow(500));
+    world.completed();
+    let reasons = world.reasons("frame.rejected");
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    assert!(
+        reasons[0].contains("it has the pixels of station") && reasons[1].contains("rows are one grey"),
+        "{reasons:?}"
+    );
+    let end = world.engine.session(&world.id).unwrap();
+    assert!(end.refused == 2 && end.last_refusal.unwrap().contains("one grey"));
+}
+
+#[test]
+fn a_bracket_under_two_lamps_is_shot_again_whole() {
+    let world = World::start();
+    world.frames(9);
+    (0..3).for_each(|_| world.camera.inject(Fault::LampAt(600)));
+    world.completed();
+    let brackets = world.reasons("bracket.rejected");
+    assert_eq!(brackets.len(), 1, "{brackets:?}");
+    assert!(brackets[0].contains("times was expected"), "{brackets:?}");
+}
+
+#[test]
+fn a_lamp_that_burns_out_interrupts_the_session_and_says_so() {
+    let world = World::start();
+    world.frames(9);
+    (0..60).for_each(|_| world.camera.inject(Fault::LampAt(0)));
+    let reason = world.end(S::Interrupted).reason.unwrap();
+    assert!(reason.contains("the bracket was refused 3 times") && reason.contains("the lamp is out"), "{reason}");
+    world.assert_at_rest();
+}

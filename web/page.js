@@ -160,6 +160,7 @@ async function showSession(id) {
   $("figures").textContent = `${s.frames_committed} of ${s.frames_planned} frames, ${station}, `
     + `${s.stations_developed} developed${left}; started ${when(s.started)}${s.ended ? `, ended ${when(s.ended)}` : ""}`;
   $("figures").textContent += overhead(s.time_budget);
+  $("refusals").textContent = s.refused ? `${s.refused} refused and shot again, the last: ${s.last_refusal}` : "";
   showGrid(s, frames);
   if (s.mean_relative_error != null && $("result").dataset.of !== `${id} ${s.last_seq}`) await showResult(s);
 }

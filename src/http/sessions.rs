@@ -199,6 +199,8 @@ mod tests {
             remaining_s: None,
             calibration: None,
             warnings: Vec::new(),
+            refused: 0,
+            last_refusal: None,
             mean_relative_error: None,
             time_budget: None,
             last_seq: 1,

@@ -4,6 +4,7 @@ pub mod calibration;
 pub mod fit;
 pub mod geometry;
 pub mod image;
+pub mod quality;
 pub mod radiometry;
 pub mod settle;
 pub mod simd;

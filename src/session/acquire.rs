@@ -4,6 +4,7 @@
 
 mod burst;
 mod clock;
+mod frames;
 mod guided;
 mod hold;
 mod prepare;
@@ -16,22 +17,21 @@ use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
 use super::quality::{Fingerprint, Optics};
 use super::state::Event;
+use super::witness::{self, Drift, Witness};
 use super::work::Work;
 use super::worker::Job;
 use crate::devices::arm::ArmError;
-use crate::devices::camera::{RawFrame, Shot};
+use crate::devices::camera::RawFrame;
 use crate::store::sessions::FrameWriter;
-use crate::store::{StoreError, frames};
 use clock::Clock;
-use rig_config::{Rig, Shutter};
+use rig_config::Rig;
 use serde_json::json;
-use shooting::Taken;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Instant;
 
-/// Retakes of a frame before the session is given up.
-const RETAKES: usize = 2;
+/// Retakes of a bracket whose frames contradict each other.
+const BRACKETS: usize = 2;
 
 /// Stations after which an arm that cannot see lost steps is led to its switch, and at the end once more.
 const PROOF_STATIONS: usize = 20;
@@ -55,6 +55,8 @@ pub enum Ended {
 enum Trouble {
     /// The arm must be recovered; then the station is shot again from its first exposure.
     Arm(String),
+    /// The frames of the bracket contradict each other: all of them are shot again under one lamp.
+    Bracket(String),
     /// The camera answers, but none of its frames serves: the end of a session; an operator may help a calibration on.
     Frame(String),
     /// The acquisition is over.
@@ -83,6 +85,8 @@ pub struct Acquisition<'a> {
     resumed: bool,
     recoveries: usize,
     last: Option<Fingerprint>,
+    /// What the pictures say of each other.
+    witness: Witness,
     /// Rung of the camera's ladder that comes next; the first again after a good frame.
     rung: usize,
     /// The calibration in use, until the first frame was held against it.
@@ -110,9 +114,12 @@ impl<'a> Acquisition<'a> {
             let ledger = &entry.ledger;
             (ledger.taken_up() > 0, ledger.attempts(), ledger.snapshot.time_budget.clone().unwrap_or_default())
         })?;
+        let calibrated = work.capture().is_some_and(|plan| plan.calibration.is_some());
+        let witness = Witness::new(witness::part(rig, work.capture().is_some(), calibrated));
         Some(Self {
             id,
             rig,
+            witness,
             work,
             book,
             bench,
@@ -184,8 +191,19 @@ impl<'a> Acquisition<'a> {
 
     /// Shoots a station, however often the arm has to be recovered for it; the inner error says why its frames do not serve.
     fn whole_station(&mut self, station: usize) -> Result<Result<(), String>, Ended> {
+        let mut brackets = 0;
         while let Err(trouble) = self.shoot_station(station) {
             match trouble {
+                Trouble::Bracket(reason) if brackets < BRACKETS => {
+                    brackets += 1;
+                    self.record("bracket.rejected", json!({"station": station, "reason": reason}))?;
+                }
+                Trouble::Bracket(reason) => {
+                    return Ok(Err(format!(
+                        "the bracket was refused {} times, at last because {reason}",
+                        brackets + 1
+                    )));
+                }
                 Trouble::Arm(reason) => {
                     let begin = Instant::now();
                     let recovered = self.recover(reason);
@@ -245,6 +263,7 @@ impl<'a> Acquisition<'a> {
 
     fn shoot_bracket(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
         self.bracket += 1;
+        self.witness.begin();
         for exposure in 0..self.work.exposures(station).len() {
             if self.safe_point()? {
                 self.check_light(angle_deg)?;
@@ -252,88 +271,12 @@ impl<'a> Acquisition<'a> {
             self.take_frame(station, exposure, angle_deg)?;
             self.measure_pace();
         }
-        Ok(())
-    }
-
-    /// Shoots until a frame is good and committed.
-    fn take_frame(&mut self, station: usize, exposure: usize, angle_deg: f64) -> Result<(), Trouble> {
-        let mut rejected = 0;
-        loop {
-            let attempt = self.attempts.entry((station, exposure)).or_default();
-            *attempt += 1;
-            let attempt = *attempt;
-            let shot = self.shot(station, exposure)?;
-            let begin = Instant::now();
-            let taken = self.shoot(&shot);
-            self.spend_shot(&shot, &taken, begin.elapsed());
-            let taken = taken?;
-            match taken {
-                Taken::Good(frame, fingerprint, since_rest_s) => {
-                    let begin = Instant::now();
-                    let stood_deg = self.check_light(angle_deg)?;
-                    let committed = self.commit(&shot, attempt, (stood_deg, since_rest_s), &frame, &fingerprint);
-                    self.spend(Stage::Storing, begin);
-                    match committed {
-                        Ok(()) => return Ok(self.doubt_optics(&frame)?),
-                        Err(error @ StoreError::NoSpace { .. }) => {
-                            self.suspend(&error, frame.bytes.len() as u64)?;
-                            self.check_light(angle_deg)?;
-                        }
-                        Err(error) => return Err(Ended::Failed(error.to_string()).into()),
-                    }
-                }
-                Taken::Recovered(reason) => self.reject(&shot, attempt, &reason)?,
-                Taken::Refused(reason) => {
-                    self.reject(&shot, attempt, &reason)?;
-                    rejected += 1;
-                    if rejected > RETAKES {
-                        let label = &shot.shutter.label;
-                        return Err(Trouble::Frame(format!(
-                            "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
-                        )));
-                    }
-                }
-            }
-            self.safe_point()?;
+        if let Some(drift) = self.witness.finish() {
+            let Drift { exposure, change, sigma } = drift;
+            let fields = json!({"station": station, "exposure": exposure, "change": change, "sigma": sigma});
+            self.record("lamp.drifted", fields)?;
         }
-    }
-
-    fn reject(&mut self, shot: &Shot, attempt: usize, reason: &str) -> Result<(), Ended> {
-        let fields = json!({
-            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "shutter": shot.shutter.label, "reason": reason
-        });
-        self.record("frame.rejected", fields)
-    }
-
-    fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
-        let planned = self.work.exposures(station).get(exposure);
-        let shutter = planned.and_then(|planned| Shutter::from_label(&planned.label).ok());
-        let shutter =
-            shutter.ok_or_else(|| Ended::Failed(format!("exposure {exposure} of the plan has no shutter")))?;
-        Ok(Shot { station, exposure, shutter, f_number: self.rig.camera.f_number, iso: self.rig.camera.iso })
-    }
-
-    /// Frame durable on disk, then its journal line: the acknowledgement.
-    fn commit(
-        &mut self,
-        shot: &Shot,
-        attempt: usize,
-        (angle_deg, since_rest_s): (f64, [f64; 2]),
-        frame: &RawFrame,
-        fingerprint: &Fingerprint,
-    ) -> Result<(), StoreError> {
-        let file = frames::file_name(shot.station, shot.exposure, attempt);
-        self.writer.write(&file, &frame.bytes)?;
-        let fields = json!({
-            "station": shot.station, "exposure": shot.exposure, "attempt": attempt, "bracket": self.bracket, "angle_deg": angle_deg,
-            "file": file, "bytes": frame.bytes.len(), "blake3": fingerprint.blake3,
-            "shutter": shot.shutter.label, "true_s": shot.shutter.true_s,
-            "since_rest_s": since_rest_s, "taken": fingerprint.taken, "camera_file": frame.name,
-        });
-        self.book.record(self.id, "frame.committed", fields).inspect_err(|_| {
-            // Not acknowledged, so not kept; what cannot be removed now is removed at the next start.
-            let _ = self.writer.take_back(&file);
-        })
+        Ok(())
     }
 
     /// The frame just taken, or the bracket about to go on, stands under the planned light: the arm's angle by its own status.

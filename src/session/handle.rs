@@ -65,6 +65,10 @@ pub struct SessionSnapshot {
     pub calibration: Option<UsedCalibration>,
     /// What to know before trusting the result: a stale calibration, for instance.
     pub warnings: Vec<String>,
+    /// Frames and brackets that did not serve and were shot again.
+    pub refused: usize,
+    /// Why the last of them did not, in words.
+    pub last_refusal: Option<String>,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
     /// Where the time went, as of the last whole station; null before the first.

@@ -79,6 +79,8 @@ impl Ledger {
             remaining_s: None,
             calibration: work.capture().and_then(|plan| plan.calibration.clone()),
             warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
+            refused: 0,
+            last_refusal: None,
             mean_relative_error: None,
             time_budget: None,
             last_seq: 0,
@@ -118,6 +120,7 @@ impl Ledger {
                     }
                 }
             }
+            Some(kind @ ("frame.rejected" | "bracket.rejected")) => self.apply_refusal(kind, record),
             Some("frame.lost") => self.lose_frame(record),
             Some("time.budget") => self.snapshot.time_budget = TimeBudget::deserialize(record).ok(),
             Some("fit.finished") => {
@@ -127,6 +130,13 @@ impl Ledger {
             }
             _ => {}
         }
+    }
+
+    fn apply_refusal(&mut self, kind: &str, record: &Value) {
+        self.snapshot.refused += 1;
+        let what = if kind == "bracket.rejected" { "bracket" } else { "frame" };
+        let reason = record["reason"].as_str().unwrap_or_default();
+        self.snapshot.last_refusal = Some(format!("station {}: {what} refused: {reason}", record["station"]));
     }
 
     fn apply_state(&mut self, record: &Value) {

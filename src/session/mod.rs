@@ -16,6 +16,7 @@ mod refit;
 mod room;
 pub mod state;
 pub mod verify;
+pub mod witness;
 mod work;
 mod worker;
 

@@ -1,5 +1,6 @@
 //! The simulated camera: exposes the world through a sensor, a tone curve of its own and a JPEG encoder.
 
+mod damage;
 mod exif;
 mod faults;
 mod sensor;
@@ -39,6 +40,8 @@ pub struct SimulatedCamera {
     model: &'static str,
     frame_number: u32,
     last_frame: Option<RawFrame>,
+    /// Levels and time of the shot before.
+    last_shot: Option<(Image<[f32; 3]>, f64)>,
     /// What was rendered last: a bracket renders once.
     rendered: Option<(Shown, Arc<Image<[f64; 3]>>)>,
 }
@@ -58,6 +61,7 @@ impl SimulatedCamera {
             model: MODEL,
             frame_number: 0,
             last_frame: None,
+            last_shot: None,
             rendered: None,
         }
     }
@@ -125,11 +129,30 @@ impl SimulatedCamera {
         Arc::new(sum)
     }
 
-    fn take(&mut self, shot: &Shot, shutter: &Shutter, cancel: &Cancel) -> Result<RawFrame, CameraError> {
+    fn take(
+        &mut self,
+        shot: &Shot,
+        shutter: &Shutter,
+        fault: Option<Fault>,
+        cancel: &Cancel,
+    ) -> Result<RawFrame, CameraError> {
         let poses = self.expose(shutter.true_s, cancel)?;
         self.frame_number += 1;
         let radiance = self.gather(&poses);
-        let levels = self.sensor.read_out(&radiance, shutter.true_s, self.frame_number);
+        let open_s = match (fault, &self.last_shot) {
+            (Some(Fault::OpenFor(permille)), _) => shutter.true_s * f64::from(permille) / 1000.0,
+            (Some(Fault::LastShutter), Some((_, last_s))) => *last_s,
+            _ => shutter.true_s,
+        };
+        let levels = match (fault, self.last_shot.take()) {
+            (Some(Fault::StalePicture), Some((levels, _))) => levels,
+            _ => {
+                let radiance = damage::radiance(fault, &radiance);
+                let mut levels = self.sensor.read_out(&radiance, open_s, self.frame_number);
+                damage::levels(fault, &mut levels);
+                levels
+            }
+        };
         let facts = ExifFacts {
             model: self.model,
             nominal_s: shutter.nominal_s,
@@ -138,6 +161,7 @@ impl SimulatedCamera {
             frame_number: self.frame_number,
         };
         let bytes = exif::jpeg(&levels, &facts).map_err(|reason| CameraError::Unusable { reason })?;
+        self.last_shot = Some((levels, shutter.true_s));
         Ok(RawFrame { bytes, name: format!("IMG_{:04}.JPG", self.frame_number % 10_000), transfer: Duration::ZERO })
     }
 }
@@ -167,7 +191,7 @@ impl Camera for SimulatedCamera {
             });
         }
         let shutter = if fault == Some(Fault::WrongExposure) { doubled(&shot.shutter) } else { shot.shutter.clone() };
-        let mut frame = self.take(shot, &shutter, cancel)?;
+        let mut frame = self.take(shot, &shutter, fault, cancel)?;
         if fault == Some(Fault::TruncatedFile) {
             frame.bytes.truncate(frame.bytes.len() / 2);
         }

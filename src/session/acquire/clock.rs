@@ -1,6 +1,7 @@
 //! Where the time of an acquisition goes.
 
-use super::{Acquisition, Ended, Taken};
+use super::shooting::Taken;
+use super::{Acquisition, Ended};
 use crate::devices::camera::Shot;
 use crate::session::budget::{Stage, TimeBudget};
 use std::time::{Duration, Instant};

@@ -54,7 +54,7 @@ impl Acquisition<'_> {
             self.find_arm()?;
             let Err(error) = self.bench.prepare(&self.book.cancel) else { break };
             match self.arm_trouble(&error) {
-                Trouble::Arm(again) | Trouble::Frame(again) => reason = again,
+                Trouble::Arm(again) | Trouble::Bracket(again) | Trouble::Frame(again) => reason = again,
                 Trouble::End(ended) => return Err(ended),
             }
         }

@@ -12,6 +12,29 @@ pub enum Fault {
     RepeatLastFrame,
     /// The file ends in the middle.
     TruncatedFile,
+    /// The shutter is open for this part of what it says, permille; the EXIF says what was asked.
+    OpenFor(u16),
+    /// The shutter keeps the time of the shot before; the EXIF says what was asked. Sound without a shot before.
+    LastShutter,
+    /// The picture of the shot before under the EXIF of this one. Sound without a shot before.
+    StalePicture,
+    /// The lamp gives this part of its light, permille: 0 is burnt out.
+    LampAt(u16),
+    /// A room light is on: so much of the mean radiance of what is lit, permille, everywhere.
+    Ambient(u16),
+    /// Every other band of rows of this height is this many levels too bright.
+    Stripes {
+        /// Rows of a band.
+        rows: u8,
+        /// Levels.
+        levels: u8,
+    },
+    /// The camera shakes along the picture's diagonal by this many pixels.
+    Shake(u8),
+    /// Everything stands this many pixels further to the right and further down.
+    Moved(i8, i8),
+    /// The file is whole, its picture grey below this part of its height, permille.
+    GreyBelow(u16),
     /// The call does not return until [`CameraFaults::release`], whatever its caller cancels.
     Hang,
 }

@@ -1,0 +1,66 @@
+//! What faults do to the light that reaches the sensor, and to what is read out.
+
+use super::faults::Fault;
+use crate::numerics::image::Image;
+use std::borrow::Cow;
+
+/// The radiance that the sensor sees with this fault.
+pub(super) fn radiance(fault: Option<Fault>, image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
+    Cow::Owned(match fault {
+        Some(Fault::LampAt(permille)) => each(image, |c| c * f64::from(permille) / 1000.0),
+        Some(Fault::Ambient(permille)) => {
+            let more = mean_of_lit(image) * f64::from(permille) / 1000.0;
+            each(image, |c| c + more)
+        }
+        Some(Fault::Shake(pixels)) => shaken(image, usize::from(pixels)),
+        Some(Fault::Moved(x, y)) => moved(image, isize::from(x), isize::from(y)),
+        _ => return Cow::Borrowed(image),
+    })
+}
+
+/// Changes the levels that the file gets.
+pub(super) fn levels(fault: Option<Fault>, image: &mut Image<[f32; 3]>) {
+    let (width, height) = (image.width, image.height);
+    match fault {
+        Some(Fault::Stripes { rows, levels }) => {
+            let band = usize::from(rows.max(1));
+            for (_, pixel) in image.pixels.iter_mut().enumerate().filter(|(i, _)| i / width / band % 2 == 0) {
+                *pixel = pixel.map(|level| (level + f32::from(levels)).min(255.0));
+            }
+        }
+        Some(Fault::GreyBelow(permille)) => {
+            let from = height * usize::from(permille) / 1000;
+            image.pixels[from * width..].fill([128.0; 3]);
+        }
+        _ => {}
+    }
+}
+
+fn each(image: &Image<[f64; 3]>, change: impl Fn(f64) -> f64) -> Image<[f64; 3]> {
+    let pixels = image.pixels.iter().map(|pixel| pixel.map(&change)).collect();
+    Image { pixels, ..*image }
+}
+
+fn mean_of_lit(image: &Image<[f64; 3]>) -> f64 {
+    let lit: Vec<f64> = image.pixels.iter().map(|pixel| pixel[1]).filter(|&c| c > 0.0).collect();
+    lit.iter().sum::<f64>() / lit.len().max(1) as f64
+}
+
+fn shaken(image: &Image<[f64; 3]>, pixels: usize) -> Image<[f64; 3]> {
+    let mut sum = Image::filled(image.width, image.height, [0.0; 3]);
+    for step in 0..=pixels {
+        let along = isize::try_from(step).unwrap_or_default();
+        let part = moved(image, along, along);
+        for (total, pixel) in sum.pixels.iter_mut().zip(&part.pixels) {
+            *total = std::array::from_fn(|c| total[c] + pixel[c] / (pixels + 1) as f64);
+        }
+    }
+    sum
+}
+
+fn moved(image: &Image<[f64; 3]>, right: isize, down: isize) -> Image<[f64; 3]> {
+    let from = |at: usize, by: isize, size: usize| at.saturating_add_signed(-by).min(size - 1);
+    let pixel =
+        |i: usize| *image.at(from(i % image.width, right, image.width), from(i / image.width, down, image.height));
+    Image { pixels: (0..image.pixels.len()).map(pixel).collect(), ..*image }
+}
