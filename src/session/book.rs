@@ -19,11 +19,11 @@ use crate::devices::Cancel;
 use crate::store::journal::Journal;
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
-use crate::store::{Store, StoreError};
+use crate::store::{Clock, Store, StoreError};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 
 /// All runs, shared.
@@ -31,6 +31,8 @@ pub struct Book {
     inner: Mutex<Inner>,
     changed: Condvar,
     changes: watch::Sender<u64>,
+    /// The store's.
+    pub clock: Arc<dyn Clock>,
     /// Set to break off a shot or a move: by an abort and by the end of the daemon. Its beats tell that the engine does not hang.
     pub cancel: Cancel,
 }
@@ -125,6 +127,7 @@ impl Book {
     /// Reads every session of the store. Those that a crash left unfinished are cleaned and marked interrupted; their number
     /// is the second value.
     pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
+        let clock = store.clock();
         let (found, unreadable) = store.runs()?;
         let queue = Queue::read(&store)?;
         for error in &unreadable {
@@ -147,7 +150,8 @@ impl Book {
         }
         let total = inner.runs.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
         let (changes, _) = watch::channel(total);
-        let book = Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, cancel: Cancel::default() };
+        let book =
+            Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, clock, cancel: Cancel::default() };
         Ok((book, interrupted))
     }
 
@@ -329,7 +333,7 @@ impl Inner {
         if let Err(error) = self.record(id, "session.state", fields) {
             tracing::error!(session = id, state = ?after, %error, "state not journalled");
             if let Some(entry) = self.runs.get_mut(id) {
-                let time = jiff::Timestamp::now().to_string();
+                let time = self.store.clock().now().to_string();
                 entry.ledger.apply(&json!({"type": "session.state", "state": after, "reason": reason, "time": time}));
             }
         }

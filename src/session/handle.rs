@@ -236,9 +236,9 @@ impl EngineHandle {
     fn manifest(&self, name: &str, plan: &impl Serialize) -> Result<Manifest, EngineError> {
         Ok(Manifest {
             format: 1,
-            id: uuid::Uuid::now_v7().to_string(),
+            id: self.book.clock.new_id().to_string(),
             name: name.to_owned(),
-            started: jiff::Timestamp::now().to_string(),
+            started: self.book.clock.now().to_string(),
             software: super::SOFTWARE.into(),
             simulated: self.rig.is_simulated(),
             plan: serde_json::to_value(plan).map_err(|e| EngineError::Storage(e.to_string()))?,

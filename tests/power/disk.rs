@@ -3,6 +3,8 @@
 //! every change of a name by itself, the bytes of a file in part, with holes, in any mixture of before and after. [`PowerDisk::image`]
 //! makes one of the disks that are possible then, chosen by a seed.
 
+use super::clock::VirtualClock;
+use super::faults::Chance;
 use super::turns::Turns;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -23,6 +25,8 @@ pub struct PowerDisk {
     root: PathBuf,
     forgets: Forgets,
     turns: Arc<Turns>,
+    clock: Arc<VirtualClock>,
+    chance: Arc<Chance>,
     state: Mutex<State>,
 }
 
@@ -40,6 +44,8 @@ struct State {
     last: HashMap<usize, Vec<u8>>,
     /// Every operation so far, in words.
     trace: Vec<String>,
+    /// Looks at the room on it that still find none.
+    full: u32,
 }
 
 /// What is on disk for certain.
@@ -76,11 +82,17 @@ impl Change {
 
 impl PowerDisk {
     /// An empty disk whose file system begins at `root`.
-    pub fn new(root: &Path, forgets: Forgets, turns: Arc<Turns>) -> Self {
+    pub fn new(
+        root: &Path,
+        forgets: Forgets,
+        turns: Arc<Turns>,
+        clock: Arc<VirtualClock>,
+        chance: Arc<Chance>,
+    ) -> Self {
         fs::create_dir(root).unwrap();
         let mut state = State::default();
         state.node(root).unwrap();
-        Self { root: root.to_owned(), forgets, turns, state: Mutex::new(state) }
+        Self { root: root.to_owned(), forgets, turns, clock, chance, state: Mutex::new(state) }
     }
 
     /// The power goes at the operation after the next `left`.
@@ -119,7 +131,7 @@ impl PowerDisk {
         if !state.off {
             state.remember(&self.root);
         }
-        let image = Self::new(root, self.forgets, self.turns.clone());
+        let image = Self::new(root, self.forgets, self.turns.clone(), self.clock.clone(), self.chance.clone());
         let likely = [0.0, 0.2, 0.5, 0.8, 1.0][random.random_range(0..5)];
         let top = state.inodes[&inode(&self.root).unwrap()];
         state.build(top, root, random, likely, &mut image.lock());
@@ -150,6 +162,7 @@ impl PowerDisk {
             state.remember(&self.root);
             state.off = true;
             drop(state);
+            self.clock.stop();
             self.turns.end();
             return off();
         }
@@ -277,7 +290,7 @@ impl State {
 }
 
 /// Bytes of a file after a cut, of what was forced to disk and what it held at last. One draw decides, whatever the lengths are: a
-/// journal's depend on the time of day.
+/// journal's depend on the time of day where threads run as they like.
 fn survived(synced: &[u8], last: Option<&Vec<u8>>, random: &mut StdRng) -> Vec<u8> {
     let mut random = StdRng::seed_from_u64(random.random());
     let Some(last) = last.filter(|last| *last != synced) else { return synced.to_vec() };
@@ -305,7 +318,12 @@ fn survived(synced: &[u8], last: Option<&Vec<u8>>, random: &mut StdRng) -> Vec<u
 
 impl Disk for PowerDisk {
     fn free_bytes(&self, _path: &Path) -> io::Result<u64> {
-        Ok(u64::MAX)
+        let mut state = self.lock();
+        state.full = match state.full {
+            0 => self.chance.disk().unwrap_or(0),
+            looks => looks - 1,
+        };
+        Ok(if state.full > 0 { 0 } else { u64::MAX })
     }
 
     fn make_directory(&self, path: &Path) -> io::Result<()> {
