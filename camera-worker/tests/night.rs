@@ -2,7 +2,7 @@
 //! libgphoto2 and a serial port, a fault about every 50 frames. It is completed, its memory stays flat, its watchdog is never late; and
 //! when the host dies, the lamp is out and the arm stands within the dead-man's time.
 //!
-//! The short form has 19 stations. It needs `rigd` beside the tests: `cargo build` makes it.
+//! The short form has 9 stations. It needs `rigd` beside the tests: `cargo build` makes it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 #[path = "../../tests/daemon/mod.rs"]
@@ -21,8 +21,8 @@ const SAFE: Duration = Duration::from_secs(2);
 
 #[test]
 fn a_short_night_is_completed_and_a_killed_host_leaves_the_rig_safe() {
-    let mut night = Night::begin(19);
-    let story = night.shoot(1, FAULT_EVERY / 2.0);
+    let mut night = Night::begin(9);
+    let story = night.shoot(1, FAULT_EVERY / 3.0);
     println!("{story}");
     assert!(story.longest_silence < overnight::WATCHDOG, "{story}");
     host_dies(&mut night);

@@ -30,7 +30,7 @@ pub struct Story {
     refused: u64,
     faults: Vec<String>,
     pub longest_silence: Duration,
-    /// Time since the start, hours of the rig, and bytes of memory.
+    /// Time that the frames so far take by the plan's own estimate, hours, and bytes of memory.
     memory: Vec<(f64, f64)>,
 }
 
@@ -52,7 +52,7 @@ impl fmt::Display for Story {
         let silence = self.longest_silence.as_secs_f64();
         write!(
             f,
-            "{} frames in {hours:.2} h of the rig, {} frames and brackets shot again, longest time between two pings {silence:.1} s, \
+            "{} frames of {hours:.2} h, {} frames and brackets shot again, longest time between two pings {silence:.1} s, \
              {:.1} MB at the end; {} faults: {}",
             self.frames,
             self.refused,
@@ -97,7 +97,7 @@ impl Night {
     pub fn shoot(&mut self, seed: u64, every: f64) -> Story {
         let mut faults = Faults::new(seed, every, self.camera.faults(), self.arm.faults());
         let location = self.begin_another();
-        let begin = Instant::now();
+        let planned_h = self.planned_hours();
         let mut story = Story {
             frames: 0,
             refused: 0,
@@ -114,7 +114,8 @@ impl Night {
             let now = self.session(&location);
             story.frames = now["frames_committed"].as_u64().unwrap();
             story.refused = now["refused"].as_u64().unwrap();
-            story.memory.push((begin.elapsed().as_secs_f64() * SPEED / 3600.0, self.resident_bytes()));
+            let share = story.frames as f64 / (10 * self.stations) as f64;
+            story.memory.push((share * planned_h, self.resident_bytes()));
             match now["state"].as_str().unwrap() {
                 "completed" => break,
                 "preflight" | "running" | "fitting" => {}
@@ -132,6 +133,11 @@ impl Night {
         let started = self.daemon.call("POST", "/v1/sessions", &[JSON], "{}");
         assert_eq!(started.status, 202, "{}", started.text);
         started.header("location").unwrap().to_owned()
+    }
+
+    fn planned_hours(&self) -> f64 {
+        let planned = self.daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], "{}").json();
+        planned["estimated_s"].as_f64().unwrap() / 3600.0
     }
 
     pub fn wait_until_it_moves(&self) {
