@@ -82,7 +82,7 @@ impl Night {
         let pose = SharedPose::default();
         let arm = SimulatedArm::spawn(ArmConfig::from_rig(&truth, pose.clone())).unwrap();
         let sensor = EosSensor::new(SimulatedCamera::new(&truth, &simulation, pose.clone(), CameraFaults::default()));
-        let options = BodyOptions { speed: SPEED, ..BodyOptions::default() };
+        let options = BodyOptions { speed: SPEED, card_files: 2500, ..BodyOptions::default() };
         let camera = Server::start(Body::new(Box::new(sensor), options).unwrap(), 0).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let manager = UnixDatagram::bind(folder.path().join("notify")).unwrap();
