@@ -21,10 +21,13 @@ use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
 use crate::store::{Clock, Store, StoreError};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
+
+/// Records of a run that are kept in memory: whoever follows it reads these, older ones come from the file.
+const TAIL: usize = 256;
 
 /// All runs, shared.
 pub struct Book {
@@ -72,7 +75,8 @@ pub struct Entry {
     /// Why the worker cannot develop it, if so.
     pub worker_fault: Option<Fault>,
     journal: Option<Journal>,
-    tail: Vec<Value>,
+    /// Its last records.
+    tail: VecDeque<Value>,
 }
 
 impl Entry {
@@ -253,7 +257,7 @@ impl Inner {
         let mut ledger = Ledger::new(&manifest, &work);
         ledger.apply(&record);
         let id = manifest.id.clone();
-        let tail = vec![record];
+        let tail = VecDeque::from([record]);
         let journal = Some(journal);
         let entry = Entry { ledger, manifest, work, directory, pace, worker_fault: None, journal, tail };
         self.runs.insert(id.clone(), entry);
@@ -314,10 +318,13 @@ impl Inner {
         entry.journal = Some(journal);
         let record = record?;
         entry.ledger.apply(&record);
-        entry.tail.push(record);
+        entry.tail.push_back(record);
+        if entry.tail.len() > TAIL {
+            entry.tail.pop_front();
+        }
         if entry.state().is_final() {
             // From now on the file tells.
-            entry.tail = Vec::new();
+            entry.tail = VecDeque::new();
             entry.journal = None;
         }
         Ok(())
@@ -340,14 +347,12 @@ impl Inner {
         Ok(after)
     }
 
-    /// Events of the running session after a number; none when they are to be read from the file.
+    /// Events of a run after a number; none when they are to be read from the file.
     pub fn tail_after(&self, id: &str, after: u64) -> Result<Option<Vec<Value>>, EngineError> {
         let entry = self.entry(id)?;
-        if entry.tail.is_empty() {
-            return Ok(None);
-        }
-        let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
-        Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
+        let before = entry.ledger.snapshot.last_seq.saturating_sub(entry.tail.len() as u64);
+        let skip = after.checked_sub(before).map(|skip| usize::try_from(skip).unwrap_or(usize::MAX));
+        Ok(skip.map(|skip| entry.tail.iter().skip(skip).cloned().collect()))
     }
 }
 
