@@ -30,8 +30,10 @@ pub struct Story {
     refused: u64,
     faults: Vec<String>,
     pub longest_silence: Duration,
-    /// Time that the frames so far take by the plan's own estimate, hours, and bytes of memory.
+    /// While frames are shot: time that those so far take by the plan's own estimate, hours, and bytes of memory.
     memory: Vec<(f64, f64)>,
+    /// Most memory while the material is fitted, bytes.
+    fitting_bytes: f64,
 }
 
 impl Story {
@@ -53,10 +55,11 @@ impl fmt::Display for Story {
         write!(
             f,
             "{} frames of {hours:.2} h, {} frames and brackets shot again, longest time between two pings {silence:.1} s, \
-             {:.1} MB at the end; {} faults: {}",
+             {:.1} MB at the end of shooting, {:.0} MB fitting; {} faults: {}",
             self.frames,
             self.refused,
             bytes / 1e6,
+            self.fitting_bytes / 1e6,
             self.faults.len(),
             self.faults.join(", ")
         )
@@ -103,7 +106,8 @@ impl Night {
             refused: 0,
             faults: Vec::new(),
             longest_silence: Duration::ZERO,
-            memory: vec![(0.0, self.resident_bytes())],
+            memory: Vec::new(),
+            fitting_bytes: 0.0,
         };
         let mut heard = Instant::now();
         loop {
@@ -115,10 +119,11 @@ impl Night {
             story.frames = now["frames_committed"].as_u64().unwrap();
             story.refused = now["refused"].as_u64().unwrap();
             let share = story.frames as f64 / (10 * self.stations) as f64;
-            story.memory.push((share * planned_h, self.resident_bytes()));
             match now["state"].as_str().unwrap() {
                 "completed" => break,
-                "preflight" | "running" | "fitting" => {}
+                "preflight" => {}
+                "running" => story.memory.push((share * planned_h, self.resident_bytes())),
+                "fitting" => story.fitting_bytes = story.fitting_bytes.max(self.resident_bytes()),
                 other => panic!("{other}: {}; {story}", now["reason"]),
             }
             faults.strike(story.frames, &mut story.faults);
