@@ -9,4 +9,5 @@ pub mod known;
 pub mod lives;
 mod paced;
 pub mod processing;
+mod state;
 pub mod turns;
