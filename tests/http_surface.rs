@@ -224,6 +224,29 @@ fn the_list_is_paged() {
     assert_eq!(pages.map(|s| s["id"].clone()).collect::<Vec<_>>(), want);
 }
 
+#[test]
+fn the_lamp_and_its_hours_are_told() {
+    let daemon = Daemon::start();
+    let lamp = || daemon.get("/v1/rig").json()["lamp"].clone();
+    assert_eq!(lamp(), json!({"lit": false, "hours": 0.0, "rated_hours": null}));
+    assert!(daemon.get("/metrics").text.contains("\nrigd_lamp_hours 0.0\n"));
+    assert_eq!(daemon.call("POST", "/v1/sessions", &[JSON], SMALL).status, 202);
+    let wait = |lit: bool| {
+        let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
+        while lamp()["lit"] != lit {
+            assert!(std::time::Instant::now() < end, "waited in vain for lit = {lit}");
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+    };
+    wait(true);
+    wait(false);
+    let hours = lamp()["hours"].as_f64().unwrap();
+    assert!(hours > 0.0);
+    let metrics = daemon.get("/metrics").text;
+    let told = metrics.lines().find_map(|line| line.strip_prefix("rigd_lamp_hours ")).unwrap();
+    assert_eq!(told.parse(), Ok(hours));
+}
+
 /// The page comes from the daemon alone: its parts are served, and nothing in them names another machine.
 #[test]
 fn the_page_needs_no_other_machine() {

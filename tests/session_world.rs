@@ -318,6 +318,7 @@ fn a_lamp_that_burns_out_interrupts_the_session_and_says_so() {
     world.frames(9);
     (0..60).for_each(|_| world.camera.inject(Fault::LampAt(0)));
     let reason = world.end(S::Interrupted).reason.unwrap();
-    assert!(reason.contains("the bracket was refused 3 times") && reason.contains("the lamp is out"), "{reason}");
+    assert!(reason.starts_with("the lamp is out: replace it") && reason.contains("black again"), "{reason}");
+    assert_eq!(world.reasons("frame.rejected").len(), 2);
     world.assert_at_rest();
 }

@@ -55,6 +55,8 @@ fn rig() -> Rig {
         lamp: rig_config::Lamp {
             level_permille: 1000,
             soak_s: 1.0,
+            steady_s: 0.0,
+            rated_hours: None,
             circle_center_mm: [0.0, 0.0, 1500.0],
             circle_radius_mm: 600.0,
             intensity: [9.0e6, 8.0e6, 7.0e6],
@@ -73,6 +75,7 @@ fn rig() -> Rig {
         },
         object: rig_config::Sphere { center_mm: [0.0, 0.0, 1500.0], radius_mm: 30.0 },
         calibration: None,
+        reference_patch: None,
         plan: rig_config::Plan {
             stations_deg: vec![-55.0, -20.0, 15.0, 50.0, 85.0, 115.0, 140.0],
             exposures: exposures.into_iter().map(label).collect(),

@@ -67,7 +67,8 @@ const when = (text) => (text ? new Date(text).toLocaleString() : "");
 
 async function showRig() {
   const rig = await ask("/v1/rig");
-  $("rig").textContent = `${rig.name}, rigd ${rig.version}`;
+  const rated = rig.lamp.rated_hours === null ? "" : ` of ${rig.lamp.rated_hours}`;
+  $("rig").textContent = `${rig.name}, rigd ${rig.version}, lamp ${rig.lamp.hours.toFixed(1)}${rated} h`;
   $("simulated").hidden = !rig.simulated;
   $("not-ready").hidden = rig.ready;
   $("not-ready").textContent = `Not ready: ${rig.reasons.join("; ")}`;

@@ -16,20 +16,21 @@ pub(crate) fn check(file: &Value, reasons: &mut Vec<Reason>) {
     plan(&view, &mut found);
     light_circle(&view, &mut found);
     sphere_in_view(&view, &mut found);
+    crate::patch::check(&view, &mut found);
     listen(&view, &mut found);
     reasons.append(&mut found.0);
 }
 
-struct Found(Vec<Reason>);
+pub(crate) struct Found(Vec<Reason>);
 
 impl Found {
-    fn refuse(&mut self, key: impl Into<String>, what: impl Into<String>) {
+    pub(crate) fn refuse(&mut self, key: impl Into<String>, what: impl Into<String>) {
         self.0.push(Reason { key: key.into(), what: what.into() });
     }
 }
 
 /// The file's values, less those refused already.
-struct View<'a> {
+pub(crate) struct View<'a> {
     file: &'a Value,
     refused: Vec<String>,
 }
@@ -44,7 +45,7 @@ impl<'a> View<'a> {
         if self.refused.iter().any(inside) { None } else { self.raw(path) }
     }
 
-    fn number(&self, path: &str) -> Option<f64> {
+    pub(crate) fn number(&self, path: &str) -> Option<f64> {
         as_number(self.value(path)?)
     }
 
@@ -52,7 +53,7 @@ impl<'a> View<'a> {
         self.value(path)?.as_str()
     }
 
-    fn numbers<const N: usize>(&self, path: &str) -> Option<[f64; N]> {
+    pub(crate) fn numbers<const N: usize>(&self, path: &str) -> Option<[f64; N]> {
         let all: Option<Vec<f64>> = self.value(path)?.as_array()?.iter().map(as_number).collect();
         all?.try_into().ok()
     }

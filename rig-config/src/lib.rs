@@ -4,6 +4,7 @@
 //! keys, bounds), then for contradictions between keys, and only a file without any reason for refusal becomes a [`Rig`].
 mod check;
 mod contradictions;
+mod patch;
 mod raw;
 pub mod read;
 pub mod rig;

@@ -1,6 +1,7 @@
 //! The rig file as it is written. These types are the one owner of key names, types, bounds and defaults: the reader checks
 //! against the schema derived from them, and `rigd config schema` prints it.
 
+use crate::patch::RawReferencePatch;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -32,6 +33,7 @@ pub(crate) struct RawRig {
     pub object: RawObject,
     pub plan: RawPlan,
     pub fit: RawFit,
+    pub reference_patch: Option<RawReferencePatch>,
     pub calibration: Option<RawCalibration>,
     pub storage: RawStorage,
     #[serde(default)]
@@ -109,6 +111,13 @@ pub(crate) struct RawLamp {
     /// Warm-up before the first exposure, seconds.
     #[schemars(range(min = 0, max = 86400))]
     pub soak_s: f64,
+    /// After the warm-up a session's first bracket waits until the lamp changes by less than 0.3 % in this time, seconds; 0: it does not.
+    #[serde(default = "default_steady")]
+    #[schemars(range(min = 0, max = 3600))]
+    pub steady_s: f64,
+    /// The lamp's rated life, hours: from 70 % of it on, sessions warn.
+    #[schemars(range(max = 1.0e6), extend("exclusiveMinimum" = 0))]
+    pub rated_hours: Option<f64>,
     /// Centre of the circle the lamp travels on, camera frame (x right, y down, z away), mm.
     #[schemars(inner(range(min = -1.0e5, max = 1.0e5)))]
     pub circle_center_mm: [f64; 3],
@@ -118,6 +127,11 @@ pub(crate) struct RawLamp {
     /// Radiant intensity (red, green, blue), radiance units x mm^2: irradiance at distance d (mm) is intensity / d^2.
     #[schemars(inner(range(min = 1.0e-12, max = 1.0e12)))]
     pub intensity: [f64; 3],
+}
+
+/// Two minutes: three readings a minute apart.
+fn default_steady() -> f64 {
+    120.0
 }
 
 #[derive(Deserialize, JsonSchema)]

@@ -105,7 +105,8 @@ fn syntax(text: &str, error: &toml::de::Error) -> Reason {
 
 impl RawRig {
     fn into_rig(self) -> Result<Rig, String> {
-        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, simulation } = self;
+        let Self { name, arm, lamp, camera, object, plan, fit, .. } = self;
+        let Self { reference_patch, calibration, storage, server, simulation, .. } = self;
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
@@ -146,6 +147,8 @@ impl RawRig {
             lamp: Lamp {
                 level_permille: lamp.level_permille,
                 soak_s: lamp.soak_s,
+                steady_s: lamp.steady_s,
+                rated_hours: lamp.rated_hours,
                 circle_center_mm: lamp.circle_center_mm,
                 circle_radius_mm: lamp.circle_radius_mm,
                 intensity: lamp.intensity,
@@ -173,6 +176,7 @@ impl RawRig {
                 objective: fit.objective,
                 cosine_cutoff: fit.cosine_cutoff,
             },
+            reference_patch: reference_patch.map(ReferencePatch::from),
             calibration,
             storage: Storage {
                 data: storage.data,

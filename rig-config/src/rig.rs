@@ -20,6 +20,8 @@ pub struct Rig {
     pub plan: Plan,
     /// How the material is fitted.
     pub fit: Fit,
+    /// What tells how bright the lamp is at every station; none: nothing does.
+    pub reference_patch: Option<ReferencePatch>,
     /// What a calibration run uses; none: there are no calibration runs.
     pub calibration: Option<Calibration>,
     /// Where sessions are kept.
@@ -90,6 +92,10 @@ pub struct Lamp {
     pub level_permille: u16,
     /// Warm-up before the first exposure, seconds.
     pub soak_s: f64,
+    /// The lamp must change by less than 0.3 % in this time before a session's first bracket, seconds; 0: nobody looks.
+    pub steady_s: f64,
+    /// Rated life, hours, if stated.
+    pub rated_hours: Option<f64>,
     /// Centre of the circle the lamp travels on, camera frame, mm.
     pub circle_center_mm: [f64; 3],
     /// Radius of that circle, mm.
@@ -106,6 +112,24 @@ impl Lamp {
         let [x, y, z] = self.circle_center_mm;
         [x + self.circle_radius_mm * sin, y, z - self.circle_radius_mm * cos]
     }
+
+    /// The lamp with the waits and the rated life of another: frames do not depend on them.
+    #[must_use]
+    pub fn waiting_like(&self, other: &Self) -> Self {
+        let Self { soak_s, steady_s, rated_hours, .. } = *other;
+        Self { soak_s, steady_s, rated_hours, ..self.clone() }
+    }
+}
+
+/// A matt, evenly grey, flat piece fixed beside the object, camera frame, mm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferencePatch {
+    /// Middle of the circle on it that is looked at.
+    pub center_mm: [f64; 3],
+    /// Out of its lit side; any length.
+    pub normal: [f64; 3],
+    /// Diameter of that circle.
+    pub diameter_mm: f64,
 }
 
 impl Rig {
@@ -114,7 +138,7 @@ impl Rig {
         self.arm.driver == ArmDriver::Simulated || self.camera.driver == CameraDriver::Simulated
     }
 
-    /// True when frames of both rigs belong together: one kind of arm, one lamp, one camera, one object. Ports, speeds, waits, plans and
+    /// True when frames of both rigs belong together: one kind of arm, one lamp, one camera, one object and patch. Ports, speeds, waits, plans and
     /// the like may differ.
     pub fn sees_like(&self, other: &Self) -> bool {
         let angle = |rig: &Self| match &rig.arm.driver {
@@ -122,13 +146,13 @@ impl Rig {
             ArmDriver::Grbl { zero_deg, .. } => (2, *zero_deg),
             ArmDriver::Simulated => (3, 0.0),
         };
-        let lamp = |rig: &Self| Lamp { soak_s: 0.0, ..rig.lamp.clone() };
         let camera = |rig: &Self| Camera { driver: CameraDriver::Simulated, ..rig.camera.clone() };
         let world = |rig: &Self| rig.simulation.clone().map(|world| Simulation { speed: 1.0, ..world });
         angle(self) == angle(other)
-            && lamp(self) == lamp(other)
+            && self.lamp == other.lamp.waiting_like(&self.lamp)
             && camera(self) == camera(other)
             && self.object == other.object
+            && self.reference_patch == other.reference_patch
             && world(self) == world(other)
     }
 }

@@ -216,6 +216,48 @@ fn each_contradiction_is_named_alone() {
 }
 
 #[test]
+fn a_reference_patch_must_be_seen_beside_the_object() {
+    let with = |center: &str, normal: &str, diameter: &str| {
+        let patch = format!("[reference_patch]\ncenter_mm = {center}\nnormal = {normal}\ndiameter_mm = {diameter}\n\n");
+        Rig::from_toml(&simulated().replacen("[plan]", &(patch + "[plan]"), 1), "edited")
+    };
+    let (center, normal) = ("[-47, 25, 1460]", "[0.342, 0, -0.94]");
+    let patch = with(center, normal, "22").unwrap().reference_patch.unwrap();
+    assert_eq!((patch.center_mm, patch.normal, patch.diameter_mm), ([-47.0, 25.0, 1460.0], [0.342, 0.0, -0.94], 22.0));
+    for (center, normal, diameter, key, says) in [
+        (center, "[0, 0, 0.0]", "22", "reference_patch.normal", "has no length"),
+        ("[-47, 25, -1460]", normal, "22", "reference_patch.center_mm", "before the camera"),
+        ("[0, 0, 0]", normal, "22", "reference_patch.center_mm", "before the camera"),
+        (center, "[0.342, 0, 0.94]", "22", "reference_patch.normal", "a cosine of -0.9"),
+        (center, "[0.9, 0, -0.2]", "22", "reference_patch.normal", "a cosine of 0.2"),
+        // Its left end is 64.3 mm left at a depth of 1456.2 mm, its right one 43.7 mm at 1463.8 mm.
+        ("[-54, 25, 1460]", normal, "22", "reference_patch.center_mm", "spans x -2 to 46 px"),
+        ("[-41, 25, 1460]", normal, "22", "reference_patch.center_mm", "x 78 to 210, y 30 to 162 px"),
+        ("[-47, 55, 1460]", normal, "22", "reference_patch.center_mm", "outside the camera's view of 0 to 192 px"),
+        (center, normal, "9", "reference_patch.diameter_mm", "is 19 px large along x"),
+        (center, normal, "0", "reference_patch.diameter_mm", "must be above 0"),
+    ] {
+        let error = with(center, normal, diameter).unwrap_err();
+        let reason = error.reasons.iter().find(|r| r.key == key).unwrap_or_else(|| panic!("{key}: {error}"));
+        assert!(reason.what.contains(says), "{says}: {error}");
+    }
+}
+
+#[test]
+fn a_lamp_waits_two_minutes_to_be_steady_unless_told_otherwise() {
+    let rig = |text: &str| Rig::from_toml(text, "edited").unwrap();
+    let left_out = rig(&simulated().replacen("steady_s = 0.0\n", "", 1));
+    assert_eq!((left_out.lamp.steady_s, left_out.lamp.rated_hours), (120.0, None));
+    // Waits and the rated life may change while a session rests; lamp and patch may not.
+    let now = rig(&simulated().replacen("steady_s = 0.0\n", "steady_s = 9.0\nrated_hours = 50.0\n", 1));
+    assert!(left_out.sees_like(&now) && now.sees_like(&left_out));
+    let brighter = rig(&simulated().replacen("[9.0e6, 8.0e6", "[9.1e6, 8.0e6", 1));
+    let patch = "[reference_patch]\ncenter_mm = [-47, 25, 1460]\nnormal = [0, 0, -1]\ndiameter_mm = 22\n\n[plan]";
+    let patched = rig(&simulated().replacen("[plan]", patch, 1));
+    assert!(!left_out.sees_like(&brighter) && !left_out.sees_like(&patched) && patched.sees_like(&patched));
+}
+
+#[test]
 fn text_that_is_no_toml_names_the_line() {
     let error = Rig::from_toml("name = \"a\"\n[arm\n", "x").unwrap_err();
     assert_eq!(keys(&error), ["line 2"]);

@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use super::{HttpState, ask};
-use crate::session::handle::SessionSnapshot;
+use crate::session::handle::{LampStatus, SessionSnapshot};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -19,12 +19,12 @@ use std::sync::atomic::AtomicU64;
     (status = 200, body = String, content_type = "application/openmetrics-text; version=1.0.0; charset=utf-8", description = "OpenMetrics text."),
 ))]
 pub(super) async fn metrics(State(state): State<HttpState>) -> Result<Response, Problem> {
-    let sessions = ask(&state, |engine| Ok(engine.sessions())).await?;
-    let text = text(&sessions).map_err(|_| Problem::internal())?;
+    let (sessions, lamp) = ask(&state, |engine| Ok((engine.sessions(), engine.lamp()))).await?;
+    let text = text(&sessions, &lamp).map_err(|_| Problem::internal())?;
     Ok(([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text).into_response())
 }
 
-fn text(sessions: &[SessionSnapshot]) -> Result<String, std::fmt::Error> {
+fn text(sessions: &[SessionSnapshot], lamp: &LampStatus) -> Result<String, std::fmt::Error> {
     let mut registry = Registry::with_prefix("rigd");
     registry.register("build", "The daemon", Info::new(vec![("version", env!("CARGO_PKG_VERSION"))]));
     let ended = Family::<Vec<(&str, String)>, Counter>::default();
@@ -37,6 +37,9 @@ fn text(sessions: &[SessionSnapshot]) -> Result<String, std::fmt::Error> {
     let frames = Counter::<u64>::default();
     frames.inc_by(sessions.iter().map(|s| s.frames_committed as u64).sum());
     registry.register("frames_committed", "Frames committed to disk in all sessions kept", frames);
+    let hours = Gauge::<f64, AtomicU64>::default();
+    hours.set(lamp.hours);
+    registry.register("lamp_hours", "Hours the lamp was lit", hours);
     if let Some(remaining) = sessions.iter().filter(|s| !s.state.is_final()).find_map(|s| s.remaining_s) {
         let gauge = Gauge::<f64, AtomicU64>::default();
         gauge.set(remaining);

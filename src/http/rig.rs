@@ -2,6 +2,7 @@
 
 use super::problem::Problem;
 use super::{HttpState, ask};
+use crate::session::handle::LampStatus;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -19,18 +20,22 @@ pub(super) struct RigStatus {
     ready: bool,
     /// Why none could; empty when ready.
     reasons: Vec<String>,
+    /// The lamp and its hours.
+    lamp: LampStatus,
 }
 
 /// The rig
 #[utoipa::path(get, path = "/v1/rig", tag = "rig", responses((status = 200, body = RigStatus, description = "The rig.")))]
 pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<RigStatus>, Problem> {
-    let reasons = ask(&state, |engine| Ok(engine.readiness())).await?.err().unwrap_or_default();
+    let (ready, lamp) = ask(&state, |engine| Ok((engine.readiness(), engine.lamp()))).await?;
+    let reasons = ready.err().unwrap_or_default();
     Ok(axum::Json(RigStatus {
         name: state.rig.name.clone(),
         simulated: state.rig.is_simulated(),
         version: env!("CARGO_PKG_VERSION").into(),
         ready: reasons.is_empty(),
         reasons,
+        lamp,
     }))
 }
 

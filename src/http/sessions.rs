@@ -203,6 +203,7 @@ mod tests {
             last_refusal: None,
             mean_relative_error: None,
             time_budget: None,
+            lamp_drift: None,
             last_seq: 1,
         }
     }

@@ -149,6 +149,22 @@ pub fn develop(
     })
 }
 
+/// Radiance of another part of frames of which response and times are known, as after [`develop`]; `crop` is in full-frame pixels.
+///
+/// # Errors
+/// A frame cannot be decoded or does not hold the part, or there are more or fewer frames than times.
+pub fn radiance(
+    frames: &[BracketFrame<'_>],
+    crop: Crop,
+    known: &Known,
+    noise: &SensorNoise,
+) -> Result<RadianceImage, DevelopError> {
+    let mut frames = frames.to_vec();
+    frames.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let bracket = read_rounded(&frames, Some(crop))?.with_times(&known.times_s)?;
+    Ok(merge(&bracket, &known.response, noise))
+}
+
 /// Full frames in memory at a time.
 const DECODED_AT_A_TIME: usize = 2;
 

@@ -9,6 +9,7 @@ mod guided;
 mod hold;
 mod prepare;
 mod shooting;
+mod warm_up;
 
 use super::bench::Bench;
 use super::book::Book;
@@ -20,7 +21,7 @@ use super::state::Event;
 use super::witness::{self, Drift, Witness};
 use super::work::Work;
 use super::worker::Job;
-use crate::devices::arm::ArmError;
+use crate::devices::arm::{ArmError, ArmStatus};
 use crate::devices::camera::RawFrame;
 use crate::store::sessions::FrameWriter;
 use clock::Clock;
@@ -87,6 +88,8 @@ pub struct Acquisition<'a> {
     last: Option<Fingerprint>,
     /// What the pictures say of each other.
     witness: Witness,
+    /// The last frame was black: the next one tells whether the lamp is out.
+    lamp_doubted: bool,
     /// Rung of the camera's ladder that comes next; the first again after a good frame.
     rung: usize,
     /// The calibration in use, until the first frame was held against it.
@@ -121,6 +124,7 @@ impl<'a> Acquisition<'a> {
             id,
             rig,
             witness,
+            lamp_doubted: false,
             work,
             book,
             bench,
@@ -253,12 +257,19 @@ impl<'a> Acquisition<'a> {
     }
 
     /// Turns the arm; it has reported rest when this returns.
-    fn move_to(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
-        let (cancel, begin) = (self.book.cancel.clone(), self.now());
+    fn turn(&mut self, angle_deg: f64) -> Result<ArmStatus, Trouble> {
+        let cancel = self.book.cancel.clone();
         let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
         self.rested = self.now();
+        moved.map_err(|e| self.arm_trouble(&e))
+    }
+
+    /// Turns the arm to a station.
+    fn move_to(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
+        let begin = self.now();
+        let turned = self.turn(angle_deg);
         self.spend(Stage::Motion, begin);
-        let status = moved.map_err(|e| self.arm_trouble(&e))?;
+        let status = turned?;
         let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
         Ok(self.record("arm.moved", fields)?)
     }

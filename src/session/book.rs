@@ -9,6 +9,7 @@ pub use wait::Next;
 
 use super::calibration::progress::CalibrationSnapshot;
 use super::handle::{EngineError, SessionSnapshot};
+use super::lamp::hours::LampHours;
 use super::ledger::{FrameRecord, Ledger};
 use super::plan::PlannedExposure;
 use super::queue::Queue;
@@ -58,6 +59,8 @@ pub struct Inner {
     pub device_fault: Option<String>,
     /// That fault is a lamp that may be on.
     pub lamp_fault: bool,
+    /// How long the lamp was lit.
+    pub lamp: LampHours,
 }
 
 /// One run.
@@ -129,11 +132,11 @@ impl Entry {
 
 impl Book {
     /// Reads every session of the store. Those that a crash left unfinished are cleaned and marked interrupted; their number
-    /// is the second value.
-    pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
+    /// is the second value. Time passes `speed` times faster than real.
+    pub fn open(store: Store, speed: f64) -> Result<(Self, usize), StoreError> {
         let clock = store.clock();
         let (found, unreadable) = store.runs()?;
-        let queue = Queue::read(&store)?;
+        let (queue, lamp) = (Queue::read(&store)?, LampHours::read(&store, speed)?);
         for error in &unreadable {
             tracing::error!(%error, "a session directory is left alone");
         }
@@ -146,6 +149,7 @@ impl Book {
             queue,
             device_fault: None,
             lamp_fault: false,
+            lamp,
         };
         // One that cannot be read may have been running.
         let mut interrupted = unreadable.len();
@@ -220,6 +224,12 @@ impl Book {
         drop(inner);
         self.tell();
         Ok(seen)
+    }
+
+    /// The lamp goes on, or off.
+    pub fn switch_lamp(&self, lit: bool) {
+        let inner = &mut *self.lock();
+        if lit { inner.lamp.light() } else { inner.lamp.put_out() }
     }
 
     /// Writes down who answered at the other end of the cables.
@@ -327,6 +337,8 @@ impl Inner {
             entry.tail = VecDeque::new();
             entry.journal = None;
         }
+        let ended = entry.state().is_final();
+        self.lamp.keep(&self.store, ended);
         Ok(())
     }
 

@@ -52,7 +52,7 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
         return Err(EngineError::Storage(format!("simulation.speed is {speed}: it must be a positive number")));
     }
     let unsafe_before = store.is_marked_unsafe();
-    let (book, interrupted) = Book::open(store)?;
+    let (book, interrupted) = Book::open(store, speed)?;
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
     let least_exposures = processing.least_exposures();
@@ -130,6 +130,9 @@ impl Engine {
     fn note_safety(&self, faults: &[String]) {
         for fault in faults {
             tracing::error!(fault, "clean-up");
+        }
+        if !self.bench.is_unsafe() {
+            self.book.switch_lamp(false);
         }
         let mut inner = self.book.lock();
         let fault = self.bench.is_unsafe().then(|| faults.join("; "));

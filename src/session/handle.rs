@@ -1,6 +1,7 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
 mod calibration;
+mod lamp;
 mod queue;
 
 use super::book::{Book, Entry, Inner};
@@ -10,6 +11,7 @@ pub use super::calibration::plan::{CalibrationRequest, Kind};
 pub use super::calibration::progress::{CalibrationSnapshot, Verdict};
 pub use super::calibration::settle::SettleFile;
 pub use super::calibration::step::Step;
+pub use super::lamp::drift::LampDrift;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use super::processing::read_json;
 pub use super::queue::QueueRequest;
@@ -20,6 +22,7 @@ use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{Idempotency, Manifest};
+pub use lamp::LampStatus;
 pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
@@ -73,6 +76,9 @@ pub struct SessionSnapshot {
     pub mean_relative_error: Option<f64>,
     /// Where the time went, as of the last whole station; null before the first.
     pub time_budget: Option<TimeBudget>,
+    /// What the reference patch said of the lamp; null without one.
+    #[serde(default)]
+    pub lamp_drift: Option<LampDrift>,
     /// Sequence number of the last journal record.
     pub last_seq: u64,
 }
@@ -205,6 +211,7 @@ impl EngineHandle {
         let mut plan = CapturePlan::new(&self.rig, request)?;
         let text = self.use_calibration(inner, request, &mut plan)?;
         plan.warnings.extend(self.settle_warning(inner));
+        plan.warnings.extend(inner.lamp.warning(self.rig.lamp.rated_hours));
         if plan.exposures.len() < self.least_exposures {
             let (found, least) = (plan.exposures.len(), self.least_exposures);
             let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");

@@ -4,6 +4,7 @@ use super::budget::TimeBudget;
 use super::calibration::progress::Progress;
 use super::calibration::step::Step;
 use super::handle::SessionSnapshot;
+use super::lamp::drift::{Drift, PatchReading};
 use super::state::SessionState;
 use super::work::Work;
 use crate::store::manifest::Manifest;
@@ -53,6 +54,12 @@ pub struct Ledger {
     frames: BTreeMap<(usize, usize), FrameRecord>,
     superseded: Vec<FrameRecord>,
     developed: BTreeSet<usize>,
+    drift: Drift,
+    /// A fit described the session, and it was not taken up since.
+    described: bool,
+    /// How often the lamp was lit anew, now and when each station was shot.
+    lighting: usize,
+    lit: BTreeMap<usize, usize>,
     /// Take-ups since a frame was last committed.
     taken_up: usize,
     resumes: bool,
@@ -83,13 +90,27 @@ impl Ledger {
             last_refusal: None,
             mean_relative_error: None,
             time_budget: None,
+            lamp_drift: None,
             last_seq: 0,
         };
         let first =
             |plan: &super::calibration::plan::CalibrationPlan| plan.steps.first().map_or(Step::Done, |s| s.step);
         let progress = work.calibration().map(|plan| Progress::new(first(plan)));
         let (frames, superseded, developed) = (BTreeMap::new(), Vec::new(), BTreeSet::new());
-        Self { snapshot, progress, exposures, frames, superseded, developed, taken_up: 0, resumes: false }
+        Self {
+            snapshot,
+            progress,
+            exposures,
+            frames,
+            superseded,
+            developed,
+            drift: Drift::default(),
+            described: false,
+            lighting: 0,
+            lit: BTreeMap::new(),
+            taken_up: 0,
+            resumes: false,
+        }
     }
 
     /// Takes one journal record into account; unknown types and fields are passed over.
@@ -110,8 +131,9 @@ impl Ledger {
             Some("station.developed") => {
                 self.developed.extend(station());
                 self.snapshot.stations_developed = self.developed.len();
+                self.apply_patch(station(), PatchReading::deserialize(&record["patch"]).ok());
             }
-            Some("calibration.doubted") => {
+            Some("calibration.doubted" | "lamp.unsteady") => {
                 let warnings = record["warnings"].as_array().into_iter().flatten();
                 for warning in warnings.filter_map(Value::as_str) {
                     // A session that was taken up again is told the same once more.
@@ -121,15 +143,42 @@ impl Ledger {
                 }
             }
             Some(kind @ ("frame.rejected" | "bracket.rejected")) => self.apply_refusal(kind, record),
+            // An arm that was brought back lit the lamp anew.
+            Some("fault.cleared") => self.lighting += usize::from(record["device"] == "arm"),
             Some("frame.lost") => self.lose_frame(record),
             Some("time.budget") => self.snapshot.time_budget = TimeBudget::deserialize(record).ok(),
             Some("fit.finished") => {
+                self.described |= record["error"].is_null();
                 if let Some(error) = record["mean_relative_error"].as_f64() {
                     self.snapshot.mean_relative_error = Some(error);
                 }
             }
             _ => {}
         }
+    }
+
+    /// What the reference patch says by now takes the place of what it said before.
+    fn apply_patch(&mut self, station: Option<usize>, reading: Option<PatchReading>) {
+        let (Some(station), said) = (station, self.drift.warnings()) else { return };
+        self.drift.take(station, reading, self.lit.get(&station).copied().unwrap_or_default());
+        self.snapshot.lamp_drift = self.drift.summary();
+        self.snapshot.warnings.retain(|warning| !said.contains(warning));
+        self.snapshot.warnings.extend(self.drift.warnings());
+    }
+
+    /// How bright the lamp was at the first stations, relative to the first at which the reference patch tells.
+    pub fn brightness(&self, stations: usize) -> Vec<[f64; 3]> {
+        self.drift.of_stations(stations)
+    }
+
+    /// True when dataset.toml says what is so: a fit after the session went on must describe it anew.
+    pub fn is_described(&self) -> bool {
+        self.described
+    }
+
+    /// What to know before trusting a fit.
+    pub fn warnings(&self) -> Vec<String> {
+        self.snapshot.warnings.iter().cloned().chain(self.drift.untold()).collect()
     }
 
     fn apply_refusal(&mut self, kind: &str, record: &Value) {
@@ -143,6 +192,8 @@ impl Ledger {
         if let Ok(state) = SessionState::deserialize(&record["state"]) {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
+                self.lighting += 1;
+                self.described = false;
                 self.snapshot.ended = None;
             }
             self.resumes = record["resumes"] == true;
@@ -157,6 +208,7 @@ impl Ledger {
     fn apply_frame(&mut self, frame: FrameRecord) {
         self.taken_up = 0;
         let station = frame.station;
+        self.lit.insert(station, self.lighting);
         let old: Vec<_> = self.frames.range((station, 0)..=(station, usize::MAX)).map(|(&cell, _)| cell).collect();
         for cell in old {
             let replaced = self.frames.get(&cell).is_some_and(|f| f.bracket != frame.bracket);

@@ -7,6 +7,7 @@ pub mod calibration;
 pub mod crop;
 pub mod engine;
 pub mod handle;
+mod lamp;
 mod ledger;
 pub mod plan;
 pub mod processing;

@@ -135,7 +135,7 @@ impl CapturePlan {
         };
         let mut tally = Tally::new(rig);
         plan.stations.iter().for_each(|station| tally.station(station.angle_deg, &plan.exposures));
-        plan.estimated_s = tally.seconds();
+        plan.estimated_s = rig.lamp.steady_s + tally.seconds();
         plan.estimated_bytes = plan.bytes(rig, false);
         Ok(plan)
     }

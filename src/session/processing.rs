@@ -6,6 +6,7 @@ use super::calibration::plan::CalibrationPlan;
 use super::calibration::sample;
 use super::crop;
 use super::handle::FitRequest;
+use super::lamp::patch;
 use super::ledger::FrameRecord;
 use super::plan::{LEAST_EXPOSURES, Station};
 use crate::numerics::image::RadianceImage;
@@ -33,6 +34,8 @@ pub struct Bracket {
     pub disk: Arc<dyn Disk>,
     /// Index of the light station.
     pub station: usize,
+    /// Where the light stood there, by the plan.
+    pub light: Station,
     /// The frames, in shooting order.
     pub frames: Vec<FrameRecord>,
 }
@@ -46,8 +49,12 @@ pub struct FitJob {
     pub disk: Arc<dyn Disk>,
     /// The developed stations.
     pub stations: Vec<Station>,
+    /// How bright the lamp was at each of them, red green blue, relative to the first at which the reference patch tells.
+    pub brightness: Vec<[f64; 3]>,
     /// What the report must say before its own warnings.
     pub warnings: Vec<String>,
+    /// The dataset.toml that is there describes these stations; an operator may have changed it.
+    pub described: bool,
     /// What differs from the rig file.
     pub request: FitRequest,
 }
@@ -83,8 +90,8 @@ pub enum Judged {
 pub trait Processing: Send {
     /// Exposures a bracket needs at least to be developed: a plan with fewer is refused before anything moves.
     fn least_exposures(&self) -> usize;
-    /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations. Returns the times of
-    /// its exposures, for the journal.
+    /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations. Returns an object for the
+    /// journal: `exposures`, their times, and `patch`, what the reference patch showed.
     fn develop(&mut self, bracket: &Bracket) -> Result<Value, String>;
     /// Judges a step of a calibration; with the last one, writes the calibration. An error ends the run.
     fn judge(&mut self, job: &StepJob) -> Result<Judged, String>;
@@ -109,11 +116,12 @@ impl PipelineProcessing {
 
     /// Writes dataset.toml: lights of the plan; camera and sphere of the rig file or, with a calibration, as measured.
     fn describe(&self, job: &FitJob, calibration: Option<&CalibrationFile>) -> Result<(), String> {
-        let light = |station: &Station| SessionLight {
-            position_mm: station.light_position_mm,
-            intensity: station.light_intensity.unwrap_or(self.rig.lamp.intensity),
+        let light = |(station, brightness): (&Station, &[f64; 3])| {
+            let intensity = station.light_intensity.unwrap_or(self.rig.lamp.intensity);
+            let intensity = std::array::from_fn(|c| intensity[c] * brightness[c]);
+            SessionLight { position_mm: station.light_position_mm, intensity }
         };
-        let lights: Vec<SessionLight> = job.stations.iter().map(light).collect();
+        let lights: Vec<SessionLight> = job.stations.iter().zip(&job.brightness).map(light).collect();
         let (mut rig, mut origin) = (self.rig.clone(), "lights, camera and sphere: rig file".to_owned());
         if let Some(calibration) = calibration {
             rig = calibration.applied(&rig);
@@ -127,6 +135,9 @@ impl PipelineProcessing {
                 sigma.join(", "),
                 ball.rms_px
             );
+        }
+        if self.rig.reference_patch.is_some() {
+            origin += "; intensities follow the lamp, by the reference patch";
         }
         store::dataset::write_for_session(job.disk.as_ref(), &job.directory, &rig, &lights, &origin)
     }
@@ -184,10 +195,15 @@ impl Processing for PipelineProcessing {
         ];
         let path = bracket.directory.join(store::dataset::radiance_name(bracket.station));
         write_radiance(bracket.disk.as_ref(), &path, &developed.image, origin, camera, &attributes)?;
+        let patch = match patch::read(&rig, &bracket.light, &frames, &developed.known, &noise) {
+            Some(Ok(reading)) => json!(reading),
+            Some(Err(reason)) => json!({"unread": reason}),
+            None => Value::Null,
+        };
         if first.is_none() {
             self.known = Some((bracket.session.clone(), developed.known));
         }
-        Ok(times)
+        Ok(json!({"exposures": times, "patch": patch}))
     }
 
     fn judge(&mut self, job: &StepJob) -> Result<Judged, String> {
@@ -196,7 +212,7 @@ impl Processing for PipelineProcessing {
 
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
         let calibration = CalibrationFile::of_session(&job.directory)?;
-        if !job.directory.join("dataset.toml").exists() {
+        if !(job.described && job.directory.join("dataset.toml").exists()) {
             self.describe(job, calibration.as_ref())?;
         }
         let (begin, cpu_begin) = (Instant::now(), cpu_seconds());

@@ -1,10 +1,10 @@
 //! Do the pictures themselves say what their EXIF says? Every frame is compared with the others of its bracket, which show the same
 //! object under the same lamp for other times. A check that cannot be made, as of a bracket's first frame, is left out.
 
+use super::calibration::plan::frontality;
 use super::crop;
 use super::plan::third_stop;
 use crate::devices::camera::Shot;
-use crate::numerics::geometry::Vec3;
 use crate::numerics::image::Image;
 use crate::numerics::quality::{Doubt, Look, Transfers, compare};
 use crate::pipeline::decode::decode_into;
@@ -30,12 +30,14 @@ pub enum Verdict {
     Damaged(String),
     /// It and the frames before it in the bracket cannot all be right.
     Contradicts(String),
+    /// It is black where the lamp should show.
+    Black(String),
 }
 
 impl Verdict {
     /// What was expected and what was seen, in words.
     pub fn reason(&self) -> &str {
-        let (Self::Damaged(reason) | Self::Contradicts(reason)) = self;
+        let (Self::Damaged(reason) | Self::Contradicts(reason) | Self::Black(reason)) = self;
         reason
     }
 }
@@ -97,8 +99,7 @@ impl Witness {
     /// # Errors
     /// Why it does not serve.
     pub fn judge(&mut self, bytes: &[u8], shot: &Shot, front: bool) -> Result<Look, Verdict> {
-        decode_into(bytes, &mut self.memory).map_err(|e| Verdict::Damaged(format!("it is {e}")))?;
-        let look = Look::new(&self.memory, self.part);
+        let look = self.look(bytes).map_err(Verdict::Damaged)?;
         if let Some(rows) = look.grey_rows {
             let reason = format!(
                 "its lowest {rows} rows are one grey, a picture was expected: the transfer broke off; check the cable"
@@ -111,20 +112,35 @@ impl Witness {
             );
             return Err(Verdict::Damaged(reason));
         }
-        self.against_stations(&look, shot, front).map_err(Verdict::Contradicts)?;
-        self.against_bracket(&look, shot).map_err(Verdict::Contradicts)?;
+        self.against_stations(&look, shot, front).map_err(Verdict::Black)?;
+        self.against_bracket(&look, shot)?;
+        self.against_stripes(&look).map_err(Verdict::Contradicts)?;
         Ok(look)
+    }
+
+    /// What a frame that does not count shows of the lamp.
+    ///
+    /// # Errors
+    /// Why it shows nothing.
+    pub fn look(&mut self, bytes: &[u8]) -> Result<Look, String> {
+        decode_into(bytes, &mut self.memory).map_err(|e| format!("it is {e}"))?;
+        Ok(Look::new(&self.memory, self.part))
+    }
+
+    /// A frame that does not count shows that the lamp is on: later ones must show as much.
+    pub fn lit(&mut self, shot: &Shot, look: &Look, front: bool) {
+        if front {
+            let contrast = look.bright - look.background;
+            let least = self.contrast.entry(third_stop(shot.shutter.true_s)).or_insert(contrast);
+            *least = least.min(contrast);
+        }
     }
 
     /// Takes a frame that was committed into account.
     pub fn accept(&mut self, shot: &Shot, look: Look, front: bool) {
         let true_s = shot.shutter.true_s;
         self.pixels.extend(look.hash.map(|hash| (hash, (shot.station, shot.exposure))));
-        if front {
-            let contrast = look.bright - look.background;
-            let least = self.contrast.entry(third_stop(true_s)).or_insert(contrast);
-            *least = least.min(contrast);
-        }
+        self.lit(shot, &look, front);
         if let Some((change, sigma)) = self.brighter(&look, true_s)
             && change.abs() > STEADY.max(4.0 * sigma)
             && self.drift.as_ref().is_none_or(|known| known.sigma > sigma)
@@ -157,7 +173,7 @@ impl Witness {
         ))
     }
 
-    fn against_bracket(&self, look: &Look, shot: &Shot) -> Result<(), String> {
+    fn against_bracket(&self, look: &Look, shot: &Shot) -> Result<(), Verdict> {
         let true_s = shot.shutter.true_s;
         for other in self.nearest(true_s) {
             let (this, that) = (third_stop(true_s), third_stop(other.true_s));
@@ -169,13 +185,18 @@ impl Witness {
             // A black first frame predicts nothing, but is predicted by the next.
             let back = || compare(look, &other.look, 1.0 / ratio, self.learned.get(this, that));
             if let Some(doubt) = forth.iter().flat_map(|c| &c.doubts).next() {
-                return Err(words(doubt, "it", &format!("the {} s frame before it", other.label)));
+                let reason = words(doubt, "it", &format!("the {} s frame before it", other.label));
+                return Err(match doubt {
+                    Doubt::Black { .. } => Verdict::Black(reason),
+                    _ => Verdict::Contradicts(reason),
+                });
             }
             if let Some(doubt) = back().iter().flat_map(|c| &c.doubts).next() {
-                return Err(words(doubt, &format!("the {} s frame before it", other.label), "it"));
+                let reason = words(doubt, &format!("the {} s frame before it", other.label), "it");
+                return Err(Verdict::Contradicts(reason));
             }
         }
-        self.against_stripes(look)
+        Ok(())
     }
 
     fn against_stripes(&self, look: &Look) -> Result<(), String> {
@@ -217,8 +238,7 @@ pub fn part(rig: &Rig, sample: bool, calibrated: bool) -> [usize; 4] {
 
 /// True if a lamp on the arm at this angle lights the half of the object that the camera sees.
 pub fn lights_front(rig: &Rig, angle_deg: f64) -> bool {
-    let (object, lamp) = (Vec3::from(rig.object.center_mm), Vec3::from(rig.lamp.position_mm(angle_deg)));
-    (lamp - object).dot(&-object) >= 0.0
+    frontality(rig, angle_deg) >= 0.0
 }
 
 /// What is wrong with `this` frame, which `other` predicts.

@@ -1,7 +1,7 @@
 //! The embedded fitting worker: one thread that develops station k while station k + 1 is shot, then fits; also serves refits.
 
 use super::acquire::Ended;
-use super::book::Book;
+use super::book::{Book, Entry};
 use super::handle::FitRequest;
 use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
 use super::room::{self, Lack};
@@ -127,9 +127,12 @@ impl Worker {
 
     fn develop(&mut self, session: &str, station: usize) -> Result<(), Fault> {
         let start = self.book.clock.elapsed();
-        let exposures = self.radiance(session, station).map_err(|reason| self.fault(session, &reason))?;
+        let told = self.radiance(session, station).map_err(|reason| self.fault(session, &reason))?;
         let seconds = self.book.clock.elapsed().saturating_sub(start).as_secs_f64();
-        let fields = json!({"station": station, "seconds": seconds, "exposures": exposures});
+        let mut fields = json!({"station": station, "seconds": seconds});
+        for key in ["exposures", "patch"] {
+            fields[key] = told[key].clone();
+        }
         self.book.record(session, "station.developed", fields).map_err(Self::unrecorded)
     }
 
@@ -137,15 +140,16 @@ impl Worker {
         self.book.lock().store.disk()
     }
 
-    /// Develops a bracket; what it says of its exposures.
+    /// Develops a bracket; what the journal says of it.
     fn radiance(&mut self, session: &str, station: usize) -> Result<Value, String> {
         let disk = self.disk();
         let bracket = self
             .book
             .look(session, |entry| {
                 let frames = entry.ledger.bracket(station)?;
+                let light = entry.work.capture()?.stations.get(station)?.clone();
                 let (session, directory) = (session.to_owned(), entry.directory.clone());
-                Some(Bracket { session, directory, disk, station, frames })
+                Some(Bracket { session, directory, disk, station, light, frames })
             })
             .flatten()
             .ok_or_else(|| format!("the bracket of station {station} is not complete"))?;
@@ -168,19 +172,13 @@ impl Worker {
 
     fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
         let disk = self.disk();
-        let (complete, missing, job) = self
-            .book
-            .look(session, |entry| {
-                let (ledger, plan) = (&entry.ledger, entry.work.capture()?);
-                let complete = (0..plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
-                let stations = plan.stations.iter().take(complete).cloned().collect();
-                let missing = (0..complete).any(|station| !ledger.is_developed(station));
-                let warnings = ledger.snapshot.warnings.clone();
-                let directory = entry.directory.clone();
-                Some((complete, missing, FitJob { directory, disk, stations, warnings, request }))
-            })
-            .flatten()
-            .ok_or("there is no such session")?;
+        let unknown = "there is no such session";
+        let complete = |entry: &mut Entry| {
+            let (ledger, plan) = (&entry.ledger, entry.work.capture()?);
+            let complete = (0..plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
+            Some((complete, (0..complete).any(|station| !ledger.is_developed(station))))
+        };
+        let (complete, missing) = self.book.look(session, complete).flatten().ok_or(unknown)?;
         if complete == 0 {
             return Err("no station has a complete bracket: there is nothing to fit".into());
         }
@@ -189,6 +187,14 @@ impl Worker {
                 self.develop(session, station).map_err(|fault| fault.reason)?;
             }
         }
+        // Only now does the journal know of every station what the lamp did there.
+        let job = self.book.look(session, |entry| {
+            let stations = entry.work.capture()?.stations.iter().take(complete).cloned().collect();
+            let (brightness, warnings) = (entry.ledger.brightness(complete), entry.ledger.warnings());
+            let (directory, described) = (entry.directory.clone(), entry.ledger.is_described());
+            Some(FitJob { directory, disk, stations, brightness, warnings, described, request })
+        });
+        let job = job.flatten().ok_or(unknown)?;
         let (book, mut last) = (Arc::clone(&self.book), None::<Duration>);
         let mut progress = |at: FitProgress| {
             let now = book.clock.elapsed();

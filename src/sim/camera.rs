@@ -7,6 +7,7 @@ mod sensor;
 
 pub use faults::{CameraFaults, Fault};
 
+use super::lamp::{Burning, SimulatedLamp};
 use super::pose::{Pose, SharedPose};
 use super::stage::{Placed, StageHandle};
 use super::world::World;
@@ -36,6 +37,7 @@ pub struct SimulatedCamera {
     pose: SharedPose,
     stage: StageHandle,
     faults: CameraFaults,
+    lamp: SimulatedLamp,
     speed: f64,
     model: &'static str,
     frame_number: u32,
@@ -57,6 +59,7 @@ impl SimulatedCamera {
             pose,
             stage: StageHandle::default(),
             faults,
+            lamp: SimulatedLamp::default(),
             speed: simulation.speed,
             model: MODEL,
             frame_number: 0,
@@ -78,6 +81,20 @@ impl SimulatedCamera {
     pub fn before(mut self, stage: StageHandle) -> Self {
         self.stage = stage;
         self
+    }
+
+    /// The same camera under a lamp that lives.
+    #[must_use]
+    pub fn lit_by(mut self, lamp: SimulatedLamp) -> Self {
+        self.lamp = lamp;
+        self
+    }
+
+    /// What the lamp has been through; of an endless speed, all that warms up is over.
+    fn burning(&self) -> Burning {
+        let lit_s = self.pose.lit().map_or(0.0, |lit| lit.elapsed().as_secs_f64());
+        let lit_s = if self.speed.is_finite() { self.speed * lit_s } else { f64::INFINITY };
+        Burning { lit_s, shots: self.frame_number }
     }
 
     /// Waits for the exposure to end and returns the poses seen, each with its share of the time.
@@ -137,6 +154,7 @@ impl SimulatedCamera {
         cancel: &Cancel,
     ) -> Result<RawFrame, CameraError> {
         let poses = self.expose(shutter.true_s, cancel)?;
+        let lamp = self.lamp.brightness(self.burning());
         self.frame_number += 1;
         let radiance = self.gather(&poses);
         let open_s = match (fault, &self.last_shot) {
@@ -147,6 +165,7 @@ impl SimulatedCamera {
         let levels = match (fault, self.last_shot.take()) {
             (Some(Fault::StalePicture), Some((levels, _))) => levels,
             _ => {
+                let radiance = damage::under(lamp, &radiance);
                 let radiance = damage::radiance(fault, &radiance);
                 let mut levels = self.sensor.read_out(&radiance, open_s, self.frame_number);
                 damage::levels(fault, &mut levels);

@@ -4,6 +4,7 @@ pub mod arm;
 pub mod camera;
 pub mod eos;
 pub mod grbl;
+pub mod lamp;
 mod lens;
 pub mod pose;
 pub mod ringing;

@@ -3,7 +3,7 @@
 use super::lens;
 use super::pose::Pose;
 use super::scene::Scene;
-use super::stage::{Balls, Flat, Placed, Print};
+use super::stage::{Balls, Flat, Patch, Placed, Print};
 use super::truth::Truth;
 use crate::numerics::brdf::ward::Ward;
 use crate::numerics::geometry::{Angles, Light, SurfacePoint, Vec3};
@@ -22,6 +22,8 @@ pub struct World {
     /// Middle of the stage as the rig file says: where an operator puts things.
     stage: Vec3,
     scene: Scene,
+    /// Stands beside the sample.
+    patch: Option<Patch>,
     level_permille: u16,
 }
 
@@ -33,6 +35,7 @@ impl World {
             truth: Truth::new(rig, simulation),
             stage: Vec3::from(rig.object.center_mm),
             scene: Scene::new(simulation.scene, simulation.seed),
+            patch: rig.reference_patch.as_ref().map(Patch::new),
             level_permille: rig.lamp.level_permille,
         }
     }
@@ -85,7 +88,7 @@ impl World {
             lens::gather(projection, size, bounds, |ray| flat.radiance(ray, &light))
         };
         let sharp = match placed {
-            Placed::Sample => self.sample(&light),
+            Placed::Sample => self.with_patch(self.sample(&light), &light),
             Placed::Board { view } => flat(Print::Chessboard, view),
             Placed::Card { on } => flat(Print::Grey, on),
             Placed::Balls => {
@@ -108,6 +111,17 @@ impl World {
         let upper = |value: f64, most: usize| (value.ceil() as usize + 2).min(most);
         let lower = |value: f64| (value - 2.0).max(0.0) as usize;
         [lower(low[0]), lower(low[1]), upper(high[0], self.size.0), upper(high[1], self.size.1)]
+    }
+
+    /// Nothing of the patch is before the sample or behind it.
+    fn with_patch(&self, mut image: Image<[f64; 3]>, light: &Light) -> Image<[f64; 3]> {
+        let Some(patch) = &self.patch else { return image };
+        let (bounds, sample) = (self.bounds(patch.outline()), &self.truth.object);
+        let seen = lens::gather(&self.truth.projection, self.size, bounds, |ray| patch.radiance(ray, light, sample));
+        for (pixel, more) in image.pixels.iter_mut().zip(&seen.pixels) {
+            *pixel = std::array::from_fn(|c| pixel[c] + more[c]);
+        }
+        image
     }
 
     fn sample(&self, light: &Light) -> Image<[f64; 3]> {
@@ -152,7 +166,7 @@ impl World {
 }
 
 /// Corners of a box whose image holds that of a sphere.
-fn around(center: &Vec3, radius: f64) -> [Vec3; 8] {
+pub(super) fn around(center: &Vec3, radius: f64) -> [Vec3; 8] {
     std::array::from_fn(|i| {
         let side = |bit: usize| if i >> bit & 1 == 0 { -radius } else { radius };
         center + Vec3::new(side(0), side(1), side(2))

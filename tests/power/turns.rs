@@ -86,9 +86,7 @@ impl Turns {
     /// The worker begins to develop.
     pub fn worker(&self) {
         let inner = self.lock();
-        self.wait(inner, |inner| {
-            inner.fitting || inner.due.get(inner.developed).is_some_and(|&due| due <= inner.calls)
-        });
+        self.wait(inner, |inner| inner.fitting || inner.due.get(inner.developed).is_none_or(|&due| due <= inner.calls));
     }
 
     /// Nobody waits any more: the power is off, or the session is over.

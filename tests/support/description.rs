@@ -28,6 +28,8 @@ pub fn rig() -> Rig {
         lamp: Lamp {
             level_permille: LEVEL,
             soak_s: 60.0,
+            steady_s: 0.0,
+            rated_hours: None,
             circle_center_mm: [0.0, 0.0, 1500.0],
             circle_radius_mm: 600.0,
             intensity: [4e5; 3],
@@ -61,6 +63,7 @@ pub fn rig() -> Rig {
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
         server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
         simulation: None,
+        reference_patch: None,
         calibration: None,
     }
 }

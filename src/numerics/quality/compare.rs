@@ -119,6 +119,17 @@ pub fn compare(first: &Look, second: &Look, ratio: f64, learned: Option<&Transfe
     Some(Compared { samples: both.len(), brighter, doubts })
 }
 
+/// By how much the second of two frames of one scene and one exposure is brighter, natural logarithm and standard error; none where
+/// too little of the first is well exposed, or they are of different sizes. Levels are read by the assumed curve: right to a few tenths
+/// of itself.
+pub fn brighter(first: &Look, second: &Look) -> Option<(f64, f64)> {
+    if first.samples.len() != second.samples.len() {
+        return None;
+    }
+    let both = seen_in_both(first, second, 1.0, None);
+    (both.len() >= ENOUGH).then(|| exposure(&both, 1.0, false))
+}
+
 /// The lit samples are dark, those that are bright by prediction or, where the second is exposed longer, the brightest hundredth.
 fn black(first: &Look, second: &Look, both: &[(Sample, Sample, f64)], ratio: f64) -> Option<Doubt> {
     let lit: Vec<(f64, f64)> =

@@ -12,6 +12,7 @@ mod exposure_ratios;
 pub mod flat;
 mod gauge;
 mod groups;
+pub mod lean;
 mod level_samples;
 pub mod merge;
 mod monotone;

@@ -10,6 +10,8 @@ use crate::store::{StoreError, frames};
 use rig_config::Shutter;
 use serde_json::json;
 
+/// Why a session ends whose lamp gives no light, and what to do.
+pub(super) const LAMP_OUT: &str = "the lamp is out: replace it, or take the cap off the lens, then resume the session";
 /// Retakes of a frame before its bracket, or the session, is given up.
 const RETAKES: usize = 2;
 
@@ -39,6 +41,7 @@ impl Acquisition<'_> {
                             continue;
                         }
                     };
+                    self.lamp_shows()?;
                     let committed = self.commit(&shot, attempt, (stood_deg, since_rest_s), &frame, &fingerprint);
                     self.spend(Stage::Storing, begin);
                     match committed {
@@ -82,6 +85,9 @@ impl Acquisition<'_> {
         verdict: Verdict,
     ) -> Result<(), Trouble> {
         self.reject(shot, attempt, verdict.reason())?;
+        if let Verdict::Black(reason) = &verdict {
+            self.doubt_lamp(reason)?;
+        }
         *rejected += 1;
         if *rejected <= RETAKES {
             return Ok(());
@@ -92,9 +98,32 @@ impl Acquisition<'_> {
             "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
         );
         Err(match verdict {
-            Verdict::Contradicts(_) => Trouble::Bracket(told),
+            Verdict::Contradicts(_) | Verdict::Black(_) => Trouble::Bracket(told),
             Verdict::Damaged(_) => Trouble::Frame(told),
         })
+    }
+
+    /// A black frame of a session is shot once more: a shutter may stay closed once. Black again, it is the lamp. In a calibration the
+    /// stage may be empty.
+    fn doubt_lamp(&mut self, reason: &str) -> Result<(), Ended> {
+        if self.work.capture().is_none() {
+            return Ok(());
+        }
+        if self.lamp_doubted {
+            return Err(Ended::Interrupted(format!(
+                "{LAMP_OUT}: a frame was black, and black again when it was shot once more; {reason}"
+            )));
+        }
+        self.lamp_doubted = true;
+        self.record("fault.raised", json!({"device": "lamp", "reason": reason}))
+    }
+
+    /// A frame shows something: the lamp is not out.
+    fn lamp_shows(&mut self) -> Result<(), Ended> {
+        if std::mem::take(&mut self.lamp_doubted) {
+            self.record("fault.cleared", json!({"device": "lamp"}))?;
+        }
+        Ok(())
     }
 
     fn reject(&mut self, shot: &Shot, attempt: usize, reason: &str) -> Result<(), Ended> {
@@ -104,7 +133,7 @@ impl Acquisition<'_> {
         self.record("frame.rejected", fields)
     }
 
-    fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
+    pub(super) fn shot(&self, station: usize, exposure: usize) -> Result<Shot, Ended> {
         let planned = self.work.exposures(station).get(exposure);
         let shutter = planned.and_then(|planned| Shutter::from_label(&planned.label).ok());
         let shutter =

@@ -53,17 +53,24 @@ impl Acquisition<'_> {
             }
             self.recoveries += 1;
             self.bench.drop_arm();
+            self.book.switch_lamp(false);
             self.find_arm()?;
-            let Err(error) = self.bench.prepare(&self.book.cancel) else { break };
-            match self.arm_trouble(&error) {
-                Trouble::Arm(again) | Trouble::Bracket(again) | Trouble::Frame(again) => reason = again,
-                Trouble::End(ended) => return Err(ended),
+            match self.light() {
+                Ok(()) => break,
+                Err(Trouble::Arm(again) | Trouble::Bracket(again) | Trouble::Frame(again)) => reason = again,
+                Err(Trouble::End(ended)) => return Err(ended),
             }
         }
-        self.rest(self.rig.lamp.soak_s)?;
         self.last = None;
         self.book.note(self.id, "fault.cleared", json!({"device": "arm"}));
         Ok(())
+    }
+
+    /// Homes the arm, lights the lamp and waits until it serves.
+    fn light(&mut self) -> Result<(), Trouble> {
+        self.bench.prepare(&self.book.cancel).map_err(|error| self.arm_trouble(&error))?;
+        self.book.switch_lamp(true);
+        self.warm_up()
     }
 
     /// Tries to open the arm every quarter second: it is found soon after it is plugged in again.

@@ -68,11 +68,19 @@ impl Acquisition<'_> {
         self.doubt_devices(&arm, &camera)?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
-        let Err(error) = self.bench.prepare(&self.book.cancel) else { return self.rest(self.rig.lamp.soak_s) };
-        match self.arm_trouble(&error) {
-            // In a session with frames an arm that falls silent is brought back here as it is between two frames.
-            Trouble::Arm(reason) if self.resumed => self.recover(reason),
-            _ => Err(self.arm_ended(&error)),
+        if let Err(error) = self.bench.prepare(&self.book.cancel) {
+            return match self.arm_trouble(&error) {
+                // In a session with frames an arm that falls silent is brought back here as it is between two frames.
+                Trouble::Arm(reason) if self.resumed => self.recover(reason),
+                _ => Err(self.arm_ended(&error)),
+            };
+        }
+        self.book.switch_lamp(true);
+        match self.warm_up() {
+            Ok(()) => Ok(()),
+            Err(Trouble::Arm(reason)) => self.recover(reason),
+            Err(Trouble::Bracket(reason) | Trouble::Frame(reason)) => Err(self.unfit(reason)),
+            Err(Trouble::End(ended)) => Err(ended),
         }
     }
 

@@ -66,6 +66,8 @@ impl Book {
                 return None;
             }
             beat();
+            let now = &mut *inner;
+            now.lamp.keep(&now.store, false);
             inner = self.changed.wait_timeout(inner, left.min(BEAT)).unwrap_or_else(PoisonError::into_inner).0;
         }
     }

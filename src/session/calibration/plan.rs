@@ -193,7 +193,7 @@ fn lights_the_card(rig: &Rig, angle_deg: f64) -> bool {
 }
 
 /// Cosine between the ways from the object to the lamp at this angle and to the camera, by the rig file's own geometry.
-pub(super) fn frontality(rig: &Rig, angle_deg: f64) -> f64 {
+pub(in crate::session) fn frontality(rig: &Rig, angle_deg: f64) -> f64 {
     let object = Vec3::from(rig.object.center_mm);
     let to_lamp = Vec3::from(rig.lamp.position_mm(angle_deg)) - object;
     to_lamp.normalize().dot(&-object.normalize())

@@ -4,7 +4,7 @@ use super::file::CalibrationFile;
 use crate::session::quality::Optics;
 use crate::store::manifest::Manifest;
 use jiff::{SignedDuration, Timestamp};
-use rig_config::{Arm, Lamp, Rig};
+use rig_config::{Arm, Rig};
 
 /// What has changed since the calibration was made, as far as rig file and clock tell.
 pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<String> {
@@ -18,7 +18,7 @@ pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<S
         Ok(then) => {
             let changed = [
                 ("[arm]", then.arm != without_waits(&rig.arm, &then.arm)),
-                ("[lamp]", then.lamp != Lamp { soak_s: then.lamp.soak_s, ..rig.lamp.clone() }),
+                ("[lamp]", then.lamp != rig.lamp.waiting_like(&then.lamp)),
                 ("[camera]", then.camera != rig.camera),
             ];
             for (section, _) in changed.iter().filter(|(_, changed)| *changed) {
@@ -31,7 +31,7 @@ pub fn warnings(rig: &Rig, file: &CalibrationFile, manifest: &Manifest) -> Vec<S
 }
 
 /// The arm with the times and the park position that it had then: nothing that was measured depends on them, nor on the lamp's
-/// soak time, which a session takes from its own rig file.
+/// own waits, which a session takes from its own rig file.
 fn without_waits(arm: &Arm, then: &Arm) -> Arm {
     let Arm { settle_s, home_timeout_s, park_deg, .. } = *then;
     Arm { settle_s, home_timeout_s, park_deg, ..arm.clone() }

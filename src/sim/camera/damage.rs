@@ -4,6 +4,15 @@ use super::faults::Fault;
 use crate::numerics::image::Image;
 use std::borrow::Cow;
 
+/// The radiance under a lamp of this brightness, red green blue, relative to the rig file's.
+pub(super) fn under(lamp: [f64; 3], image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
+    if lamp == [1.0; 3] {
+        return Cow::Borrowed(image);
+    }
+    let pixels = image.pixels.iter().map(|pixel| std::array::from_fn(|c| pixel[c] * lamp[c])).collect();
+    Cow::Owned(Image { pixels, ..*image })
+}
+
 /// The radiance that the sensor sees with this fault.
 pub(super) fn radiance(fault: Option<Fault>, image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
     Cow::Owned(match fault {

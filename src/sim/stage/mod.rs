@@ -2,9 +2,11 @@
 
 mod balls;
 mod board;
+mod patch;
 
 pub use balls::{BALL_RADIUS_MM, Balls};
 pub use board::{BOARD, CARD_REFLECTANCE, Flat, Print};
+pub use patch::Patch;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
