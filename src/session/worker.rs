@@ -1,9 +1,10 @@
 //! The embedded fitting worker: one thread that develops station k while station k + 1 is shot, then fits; also serves refits.
 
 use super::acquire::Ended;
+use super::adaptive::Weighed;
 use super::book::Book;
 use super::handle::FitRequest;
-use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use super::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
@@ -39,6 +40,24 @@ pub enum Job {
         step: usize,
         /// Told what it is worth.
         done: SyncSender<Result<Judged, Fault>>,
+    },
+    /// Say which exposure of an adaptive bracket comes next.
+    Meter {
+        /// Session id.
+        session: String,
+        /// Index of the light station.
+        station: usize,
+        /// Exposures of the bracket that are committed, in the order in which they were shot.
+        shot: Vec<usize>,
+        /// Told which; a reason where nothing can be said.
+        done: SyncSender<Result<Next, String>>,
+    },
+    /// Fit the stations so far and say how good they are.
+    Weigh {
+        /// Session id.
+        session: String,
+        /// Told how good.
+        done: SyncSender<Result<Weighed, Fault>>,
     },
     /// Nothing more: the worker ends.
     End,
@@ -90,8 +109,16 @@ impl Worker {
                     // The engine may have gone on without it.
                     let _ = done.send(judged);
                 }
+                Job::Meter { session, station, shot, done } => {
+                    // The engine may have gone on without it, here and below.
+                    let _ = done.send(self.meter(&session, station, &shot));
+                }
+                Job::Weigh { session, done } => {
+                    let weighed = self.weigh(&session).map_err(|reason| self.fault(&session, &reason));
+                    let _ = done.send(weighed);
+                }
                 Job::Fit { session, request, done } => {
-                    let result = self.fit(&session, request);
+                    let result = self.fit(&session, request, done.is_some());
                     let outcome = result.as_ref().map(|_| ()).map_err(|reason| self.fault(&session, reason));
                     self.journal_fit(&session, &result);
                     if let Some(done) = done {
@@ -165,7 +192,36 @@ impl Worker {
         guarded(|| processing.judge(&job))
     }
 
-    fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
+    fn meter(&mut self, session: &str, station: usize, shot: &[usize]) -> Result<Next, String> {
+        let bracket = self.book.look(session, |entry| {
+            let plan = entry.work.capture()?;
+            let cell = |&exposure: &usize| entry.ledger.frame(station, exposure).cloned();
+            Some(OpenBracket {
+                session: session.to_owned(),
+                directory: entry.directory.clone(),
+                number: station,
+                station: plan.stations.get(station)?.clone(),
+                exposures: plan.exposures.clone(),
+                frames: shot.iter().map(cell).collect::<Option<_>>()?,
+            })
+        });
+        let bracket = bracket.flatten().ok_or_else(|| format!("the frames of station {station} are not there"))?;
+        let processing = &mut self.processing;
+        guarded(|| processing.meter(&bracket))
+    }
+
+    fn weigh(&mut self, session: &str) -> Result<Weighed, String> {
+        let job = self.fit_job(session, FitRequest::default(), true)?;
+        let book = Arc::clone(&self.book);
+        let mut go_on = |_: FitProgress| {
+            if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let processing = &mut self.processing;
+        guarded(|| processing.weigh(&job, &mut go_on))
+    }
+
+    /// A fit of the stations that are complete, all of them developed. `live`: the session is not over.
+    fn fit_job(&mut self, session: &str, request: FitRequest, live: bool) -> Result<FitJob, String> {
         let disk = self.disk();
         let (complete, missing, job) = self
             .book
@@ -174,9 +230,9 @@ impl Worker {
                 let complete = (0..plan.stations.len()).take_while(|&s| ledger.bracket(s).is_some()).count();
                 let stations = plan.stations.iter().take(complete).cloned().collect();
                 let missing = (0..complete).any(|station| !ledger.is_developed(station));
-                let warnings = ledger.snapshot.warnings.clone();
+                let (warnings, saved) = (ledger.snapshot.warnings.clone(), ledger.snapshot.saved.clone());
                 let directory = entry.directory.clone();
-                Some((complete, missing, FitJob { directory, disk, stations, warnings, request }))
+                Some((complete, missing, FitJob { directory, disk, stations, warnings, request, live, saved }))
             })
             .flatten()
             .ok_or("there is no such session")?;
@@ -188,6 +244,11 @@ impl Worker {
                 self.develop(session, station).map_err(|fault| fault.reason)?;
             }
         }
+        Ok(job)
+    }
+
+    fn fit(&mut self, session: &str, request: FitRequest, live: bool) -> Result<Value, String> {
+        let job = self.fit_job(session, request, live)?;
         let (book, mut last) = (Arc::clone(&self.book), None::<Instant>);
         let mut progress = |at: FitProgress| {
             if last.is_none_or(|last| last.elapsed() >= PROGRESS_EVERY) {

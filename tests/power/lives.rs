@@ -12,6 +12,7 @@ use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineHandle, FitRequest};
+use rigd::session::plan::{Adaptive, StartRequest};
 use rigd::session::state::{SessionState as S, Verb};
 use rigd::session::verify::verify;
 use rigd::store::Store;
@@ -45,7 +46,8 @@ pub fn rig() -> Rig {
 }
 
 /// One session from its start to its end, through as many cuts as `seed` says. `in_turn`: the seed also says when the worker develops;
-/// otherwise the threads' chance does. The error is a promise that was broken.
+/// otherwise the threads' chance does, and sessions of odd seeds are adaptive: in those the engine waits for the worker. The error is
+/// a promise that was broken.
 pub fn live_through(seed: u64, forgets: Forgets, in_turn: bool) -> Result<Tally, String> {
     let folder = tempfile::tempdir_in(fast()).unwrap();
     let mut session = Session {
@@ -56,6 +58,7 @@ pub fn live_through(seed: u64, forgets: Forgets, in_turn: bool) -> Result<Tally,
         known: Known::default(),
         whole: BTreeSet::new(),
         in_turn,
+        adaptive: !in_turn && seed % 2 == 1,
         tally: Tally::default(),
     };
     let mut turns = session.turns();
@@ -102,6 +105,7 @@ struct Session {
     /// Stations that are whole on the disk at the beginning of a life.
     whole: BTreeSet<usize>,
     in_turn: bool,
+    adaptive: bool,
     tally: Tally,
 }
 
@@ -182,7 +186,11 @@ impl Session {
         }
         let id = match found {
             Some(id) => id,
-            None => engine.start(&Default::default(), None).map_err(|e| short(disk, e))?.snapshot.id,
+            None => {
+                let adaptive = self.adaptive.then(Adaptive::default);
+                let request = StartRequest { adaptive, ..StartRequest::default() };
+                engine.start(&request, None).map_err(|e| short(disk, e))?.snapshot.id
+            }
         };
         self.known.id = Some(id.clone());
         let now = || engine.session(&id).unwrap();

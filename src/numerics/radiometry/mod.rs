@@ -14,6 +14,7 @@ mod gauge;
 mod groups;
 mod level_samples;
 pub mod merge;
+pub mod metering;
 mod monotone;
 pub mod mosaic;
 pub mod noise;

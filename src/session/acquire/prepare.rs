@@ -23,7 +23,8 @@ impl Acquisition<'_> {
             }
         }
         let mut todo = Vec::new();
-        for station in 0..self.work.stations() {
+        let stations = self.book.look(self.id, |entry| entry.ledger.stations()).unwrap_or_default();
+        for station in 0..stations {
             let whole = self.work.capture().is_some()
                 && self.book.look(self.id, |entry| entry.ledger.bracket(station).is_some()) == Some(true);
             if whole {
