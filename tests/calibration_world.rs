@@ -122,6 +122,7 @@ fn measure(studio: &mut Studio) -> Measured {
     let known = Known {
         response: response.response().unwrap(),
         exponent_sigma: response.exponent_sigma,
+        expected_s: response.exposures.iter().map(|e| e.nominal_s).collect(),
         times_s: response.exposures.iter().map(|e| e.estimated_s).collect(),
         reference,
     };

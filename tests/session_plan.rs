@@ -39,6 +39,7 @@ fn every_mistake_is_listed_at_once() {
         stations_deg: Some(vec![0.0, f64::NAN, 171.0, f64::INFINITY, 0.01, -91.0]),
         exposures: Some(["1/100", "1/90", "bulb", "10", "10.3"].map(String::from).to_vec()),
         calibration: None,
+        adaptive: None,
     };
     let error = CapturePlan::new(&rig(), &request).unwrap_err();
     let expected = [

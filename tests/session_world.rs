@@ -10,10 +10,11 @@ use rigd::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use rigd::numerics::image::Image;
 use rigd::pipeline::decode::decode;
 use rigd::pipeline::fit::OnProgress;
+use rigd::session::adaptive::Weighed;
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineHandle, SessionSnapshot};
 use rigd::session::plan::StartRequest;
-use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use rigd::session::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use rigd::session::state::{SessionState as S, Verb};
 use rigd::sim::arm::{ArmConfig, ArmFaults, SimulatedArm};
 use rigd::sim::camera::{CameraFaults, Fault, SimulatedCamera};
@@ -44,6 +45,12 @@ impl Processing for NoProcessing {
 
     fn develop(&mut self, _: &Bracket) -> Result<Value, String> {
         Ok(Value::Null)
+    }
+    fn meter(&mut self, _: &OpenBracket) -> Result<Next, String> {
+        Err("no metering here".into())
+    }
+    fn weigh(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Weighed, String> {
+        Err("no fit here".into())
     }
     fn judge(&mut self, _: &StepJob) -> Result<Judged, String> {
         Err("no calibration here".into())

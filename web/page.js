@@ -62,6 +62,12 @@ function element(tag, text, properties = {}) {
 
 const percent = (x) => `${(100 * x).toFixed(2)} %`;
 const overhead = (budget) => budget?.overhead == null ? "" : `; overhead ${percent(budget.overhead)}`;
+/// What an adaptive session did not shoot, and what the noise model says it cost.
+function leftOut(saved) {
+  if (!saved?.exposures) return "";
+  const cost = saved.sigma == null ? "" : `, standard error of a sample ${percent(saved.sigma)} instead of ${percent(saved.sigma_whole)}`;
+  return `; left out ${count(saved.exposures, "exposure")} (${Math.round(saved.shutter_s)} s of shutter time${cost})`;
+}
 const clock = (s) => new Date(1000 * Math.round(s)).toISOString().slice(11, 19);
 const when = (text) => (text ? new Date(text).toLocaleString() : "");
 
@@ -160,7 +166,7 @@ async function showSession(id) {
   const station = ended ? `${s.stations} stations` : `station ${Math.min(s.station + 1, s.stations)} of ${s.stations}`;
   $("figures").textContent = `${s.frames_committed} of ${s.frames_planned} frames, ${station}, `
     + `${s.stations_developed} developed${left}; started ${when(s.started)}${s.ended ? `, ended ${when(s.ended)}` : ""}`;
-  $("figures").textContent += overhead(s.time_budget);
+  $("figures").textContent += overhead(s.time_budget) + leftOut(s.saved);
   $("refusals").textContent = s.refused ? `${s.refused} refused and shot again, the last: ${s.last_refusal}` : "";
   showGrid(s, frames);
   if (s.mean_relative_error != null && $("result").dataset.of !== `${id} ${s.last_seq}`) await showResult(s);

@@ -14,9 +14,10 @@ use rigd::devices::camera::{Camera, Shot};
 use rigd::numerics::image::Image;
 use rigd::pipeline::decode::decode;
 use rigd::pipeline::fit::OnProgress;
+use rigd::session::adaptive::Weighed;
 use rigd::session::handle::SessionSnapshot;
 use rigd::session::plan::StartRequest;
-use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use rigd::session::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use rigd::session::state::SessionState;
 use rigd::sim::arm::ArmFaults;
 use rigd::sim::camera::{CameraFaults, SimulatedCamera};
@@ -49,6 +50,12 @@ impl Processing for NoProcessing {
     }
     fn judge(&mut self, _: &StepJob) -> Result<Judged, String> {
         Err("no calibration here".into())
+    }
+    fn meter(&mut self, _: &OpenBracket) -> Result<Next, String> {
+        Err("no adaptive session here".into())
+    }
+    fn weigh(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Weighed, String> {
+        Err("no adaptive session here".into())
     }
     fn fit(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Value, String> {
         Ok(json!({}))

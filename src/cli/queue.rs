@@ -1,7 +1,7 @@
 //! `rigd queue ...`: sessions that wait for their turn.
 
 use super::error::print_line;
-use super::session::Connection;
+use super::session::{AdaptiveArgs, Connection};
 use crate::session::handle::{QueueRequest, QueueSnapshot, QueuedSession};
 use crate::session::plan::StartRequest;
 use clap::{Args, Subcommand};
@@ -25,6 +25,8 @@ enum QueueCommand {
         /// The calibration to use: an id, `latest`, or `none`; when its turn comes the latest that fits, if left out.
         #[arg(long)]
         calibration: Option<String>,
+        #[command(flatten)]
+        adaptive: AdaptiveArgs,
         /// How often it is shot.
         #[arg(long, default_value_t = 1)]
         runs: u32,
@@ -61,8 +63,8 @@ enum QueueCommand {
 pub fn run(args: QueueArgs) -> anyhow::Result<()> {
     let client = args.connection.client()?;
     match args.command {
-        QueueCommand::Add { name, calibration, runs, not_before, every, hold_on_failure } => {
-            let session = StartRequest { name, calibration, ..StartRequest::default() };
+        QueueCommand::Add { name, calibration, adaptive, runs, not_before, every, hold_on_failure } => {
+            let session = StartRequest { name, calibration, adaptive: adaptive.request(), ..StartRequest::default() };
             let request = QueueRequest { session, runs, not_before, every_s: every, hold_on_failure };
             Ok(print_line(client.enqueue(&request)?.entry.id)?)
         }

@@ -1,8 +1,10 @@
 //! `rigd session ...`: a client of the daemon's REST surface.
+mod adaptive;
 mod client;
 mod connection;
 mod watch;
 
+pub use adaptive::AdaptiveArgs;
 pub use client::{Client, ClientError};
 pub use connection::Connection;
 pub use watch::watch;
@@ -34,6 +36,8 @@ enum SessionCommand {
         /// The calibration to use: an id, `latest`, or `none` for the rig file's geometry; the latest that fits if left out.
         #[arg(long)]
         calibration: Option<String>,
+        #[command(flatten)]
+        adaptive: AdaptiveArgs,
         /// Print the plan; nothing moves.
         #[arg(long, conflicts_with = "watch")]
         dry_run: bool,
@@ -64,9 +68,9 @@ enum SessionCommand {
 pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
     let client = args.connection.client()?;
     match &args.command {
-        SessionCommand::Start { name, calibration, dry_run, watch } => {
-            let (name, calibration) = (name.clone(), calibration.clone());
-            let request = StartRequest { name, calibration, ..StartRequest::default() };
+        SessionCommand::Start { name, calibration, adaptive, dry_run, watch } => {
+            let (name, calibration, adaptive) = (name.clone(), calibration.clone(), adaptive.request());
+            let request = StartRequest { name, calibration, adaptive, ..StartRequest::default() };
             if *dry_run {
                 return print_json(&client.plan(&request)?);
             }
@@ -93,6 +97,9 @@ fn follow(client: &Client, id: &str) -> anyhow::Result<()> {
     print_line(line(&ended))?;
     if let Some(budget) = &ended.time_budget {
         print_line(format!("time: {budget}"))?;
+    }
+    if let Some(saved) = &ended.saved {
+        print_line(format!("left out: {saved}"))?;
     }
     if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
         bail!("session {id} {}", how_it_ended(&ended));

@@ -195,6 +195,7 @@ mod tests {
             station: 0,
             frames_committed: 1,
             frames_planned: 1,
+            saved: None,
             stations_developed: 1,
             remaining_s: None,
             calibration: None,

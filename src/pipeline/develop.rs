@@ -53,7 +53,9 @@ pub struct Known {
     pub response: Response,
     /// Relative standard error of the exponent that it and the times have in common.
     pub exponent_sigma: f64,
-    /// Measured times, seconds, shortest first.
+    /// Times that were expected, seconds, shortest first: an exposure is known by them.
+    pub expected_s: Vec<f64>,
+    /// Measured times, seconds, in the same order.
     pub times_s: Vec<f64>,
     /// The exposure that keeps its time: one reference for all lights.
     pub reference: usize,
@@ -67,9 +69,9 @@ impl Known {
     /// A response that is none.
     pub fn of(calibration: &ResponseCalibration, expected_s: &[f64]) -> Result<Self, String> {
         let near = |t: f64| calibration.exposures.iter().find(|e| (e.nominal_s / t).ln().abs() < SAME_TIME);
-        let mut frames: Vec<(f64, bool)> = expected_s
+        let mut frames: Vec<(f64, bool, f64)> = expected_s
             .iter()
-            .map(|&t| near(t).map_or((t, false), |e| (e.estimated_s, e.name == calibration.reference)))
+            .map(|&t| near(t).map_or((t, false, t), |e| (e.estimated_s, e.name == calibration.reference, t)))
             .collect();
         frames.sort_by(|a, b| a.0.total_cmp(&b.0));
         let from_one_second = |i: &usize| frames[*i].0.ln().abs();
@@ -77,8 +79,35 @@ impl Known {
         Ok(Self {
             response: calibration.response()?,
             exponent_sigma: calibration.exponent_sigma,
-            reference: frames.iter().position(|(_, reference)| *reference).or(nearest).unwrap_or(0),
-            times_s: frames.into_iter().map(|(time_s, _)| time_s).collect(),
+            reference: frames.iter().position(|(_, reference, _)| *reference).or(nearest).unwrap_or(0),
+            expected_s: frames.iter().map(|(_, _, expected)| *expected).collect(),
+            times_s: frames.into_iter().map(|(time_s, ..)| time_s).collect(),
+        })
+    }
+
+    /// Which of its exposures is expected to take this time, seconds.
+    ///
+    /// # Errors
+    /// None is.
+    pub fn exposure(&self, expected_s: f64) -> Result<usize, DevelopError> {
+        let same = |known: &f64| (known / expected_s).ln().abs() < SAME_TIME;
+        self.expected_s.iter().position(same).ok_or_else(|| {
+            DevelopError::Bracket(format!("an exposure of {expected_s:.4} s is none of those the first bracket had"))
+        })
+    }
+
+    /// What it tells of a bracket that has these of its exposures alone (seconds, shortest first). Where the reference is not among them,
+    /// the one nearest to it keeps its measured time.
+    fn of_part(&self, expected_s: &[f64]) -> Result<Self, DevelopError> {
+        let exposures = expected_s.iter().map(|&t| self.exposure(t)).collect::<Result<Vec<_>, _>>()?;
+        let from_reference = |&i: &usize| (self.times_s[exposures[i]] / self.times_s[self.reference]).ln().abs();
+        let nearest = (0..exposures.len()).min_by(|a, b| from_reference(a).total_cmp(&from_reference(b))).unwrap_or(0);
+        Ok(Self {
+            response: self.response.clone(),
+            exponent_sigma: self.exponent_sigma,
+            expected_s: expected_s.to_vec(),
+            times_s: exposures.iter().map(|&i| self.times_s[i]).collect(),
+            reference: nearest,
         })
     }
 }
@@ -110,7 +139,7 @@ impl From<BracketError> for DevelopError {
 
 /// Develops one bracket; `crop` is in full-frame pixels. Response and times are measured on this bracket when nothing is `known`;
 /// otherwise the response is taken over and the times are measured through it, held to the reference and, where a frame tells
-/// little, to the known ones.
+/// little, to the known ones. Then the bracket may have some of the known exposures only.
 pub fn develop(
     frames: &[BracketFrame<'_>],
     crop: Option<Crop>,
@@ -118,13 +147,15 @@ pub fn develop(
     noise: &SensorNoise,
 ) -> Result<Developed, DevelopError> {
     let bracket = read_bracket(frames, crop)?;
-    let (expected, measured) = match known {
-        Some(Known { response, exponent_sigma, times_s, reference }) => {
+    let expected_s = bracket.times_s();
+    let known = known.map(|known| known.of_part(&expected_s)).transpose()?;
+    let (expected, measured) = match &known {
+        Some(Known { response, exponent_sigma, times_s, reference, .. }) => {
             bracket.check_times()?;
             let curve = (response, *exponent_sigma);
             (times_s.clone(), MeasuredTimes::with_response(&bracket, times_s, curve, Some(*reference)))
         }
-        None => (bracket.times_s(), MeasuredTimes::without_response(&bracket, &bracket.times_s())),
+        None => (expected_s.clone(), MeasuredTimes::without_response(&bracket, &expected_s)),
     };
     let measured = match measured {
         // Frames that share too few pixels, as of a lamp behind the object, keep the times they were expected to have.
@@ -134,7 +165,7 @@ pub fn develop(
     let names: Vec<String> = bracket.exposures().iter().map(|frame| frame.name.clone()).collect();
     let bracket = bracket.with_times(&measured.seconds())?;
     let response = match known {
-        Some(known) => known.response.clone(),
+        Some(known) => known.response,
         None => recover(&bracket)?.response,
     };
     Ok(Developed {
@@ -143,6 +174,7 @@ pub fn develop(
         known: Known {
             response,
             exponent_sigma: measured.exponent_sigma,
+            expected_s,
             times_s: measured.seconds(),
             reference: measured.reference,
         },
@@ -230,7 +262,7 @@ const LOSSLESS_VARIANCE: [f64; 3] = [1.0 / 12.0; 3];
 /// coefficients and back to a level. Measured on the simulated camera's files at a noise of 0.8 levels (`sim::camera::exif`).
 pub(crate) const JPEG_VARIANCE: [f64; 3] = [0.9, 0.5, 1.2];
 
-fn cut(picture: &Image<[u8; 3]>, crop: Crop) -> Result<Image<[u8; 3]>, String> {
+pub(super) fn cut(picture: &Image<[u8; 3]>, crop: Crop) -> Result<Image<[u8; 3]>, String> {
     let inside =
         |start: usize, size: usize, full: usize| size > 0 && start.checked_add(size).is_some_and(|end| end <= full);
     if !inside(crop.x, crop.width, picture.width) || !inside(crop.y, crop.height, picture.height) {

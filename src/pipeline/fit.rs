@@ -160,6 +160,7 @@ fn run(
             .chain(judged.warnings.iter().cloned())
             .collect(),
         notes: judged.solution.notes.clone(),
+        adaptive: None,
     };
     let material = MaterialFile {
         format: 1,

@@ -9,6 +9,7 @@ pub mod fit;
 pub mod identify;
 pub mod inputs;
 pub mod judged;
+pub mod metering;
 pub mod options;
 pub mod preview;
 pub mod raw;

@@ -4,6 +4,7 @@ use crate::numerics::brdf;
 use crate::numerics::fit::selection::Candidate;
 use crate::numerics::fit::{MAX_MATERIALS, Mixture};
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// Seconds of wall time a stage took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -59,6 +60,52 @@ impl From<&Candidate> for CandidateReport {
     }
 }
 
+/// What an adaptive session did not shoot, and what that cost.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Saved {
+    /// Exposures of the plan that were left out.
+    pub exposures: usize,
+    /// Light stations of the plan that were left out; their exposures are counted above.
+    pub stations: usize,
+    /// Shutter time of all these exposures, seconds.
+    pub shutter_s: f64,
+    /// Relative standard error of a sample that the noise model predicts with the exposures shot, mean over samples and metered stations;
+    /// null where none was metered.
+    pub sigma: Option<f64>,
+    /// The same with all exposures of the plan.
+    pub sigma_whole: Option<f64>,
+    /// What the last fit said of the lights shot so far; null where no fit was asked.
+    pub lights: Option<LightsReached>,
+}
+
+impl std::fmt::Display for Saved {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { exposures, stations, shutter_s, .. } = self;
+        write!(f, "{exposures} exposures ({stations} whole stations), {shutter_s:.1} s of shutter time")?;
+        if let (Some(sigma), Some(whole)) = (self.sigma, self.sigma_whole) {
+            let (sigma, whole) = (100.0 * sigma, 100.0 * whole);
+            write!(f, "; predicted standard error of a sample {sigma:.2} % instead of {whole:.2} %")?;
+        }
+        if let Some(LightsReached { stations, left_out_error: Some(error), .. }) = &self.lights {
+            write!(f, "; left-out lights of {stations} stations predicted within {:.2} %", 100.0 * error)?;
+        }
+        Ok(())
+    }
+}
+
+/// What a fit said of the light stations shot so far.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LightsReached {
+    /// How many they were.
+    pub stations: usize,
+    /// Mean relative error on lights that it left out.
+    pub left_out_error: Option<f64>,
+    /// Largest relative standard error of a parameter; null where the data do not determine one.
+    pub parameter_error: Option<f64>,
+    /// True when both met their targets, and no more stations were shot.
+    pub enough: bool,
+}
+
 /// `report.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -112,6 +159,9 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// How the solver went about it, where that is worth knowing.
     pub notes: Vec<String>,
+    /// What the session left out of its plan; null of one that shot all of it, and of a dataset that is no session's.
+    #[serde(default)]
+    pub adaptive: Option<Saved>,
 }
 
 impl Report {
@@ -237,6 +287,18 @@ impl MaterialFile {
         materials.try_for_each(|(m, material)| {
             material.check(lobe.has_lobe()).map_err(|reason| format!("materials[{m}], model {}: {reason}", self.model))
         })
+    }
+
+    /// Largest standard error of a parameter, relative to its value; none where the data do not determine one of them.
+    pub fn worst_parameter(&self) -> Option<f64> {
+        let parameters = self.materials.iter().flat_map(|m| m.rho_d.iter().chain(&m.rho_s).chain(&m.beta));
+        parameters.filter(|p| p.standard_error.is_some() || p.identified != Identified::Identified).try_fold(
+            0.0,
+            |worst, parameter| {
+                let error = parameter.standard_error.filter(|_| parameter.identified != Identified::Unidentified)?;
+                Some(f64::max(worst, error / parameter.value.abs()))
+            },
+        )
     }
 
     /// The BRDF parameters alone.

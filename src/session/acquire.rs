@@ -2,6 +2,7 @@
 //! where the time goes, `guided` the steps of a calibration. A frame counts
 //! once it is shot, verified, on disk and journalled, in this order.
 
+mod adaptive;
 mod burst;
 mod clock;
 mod frames;
@@ -167,13 +168,25 @@ impl<'a> Acquisition<'a> {
             return self.guided(&plan);
         }
         for stations in todo.chunks(PROOF_STATIONS) {
-            for &station in stations {
-                self.whole_station(station)?.map_err(Ended::Interrupted)?;
-                self.hand_over(|session| Job::Develop { session, station })?;
+            let shot = self.stations(stations)?;
+            self.prove_position(&stations[..shot])?;
+            if shot < stations.len() {
+                break;
             }
-            self.prove_position(stations)?;
         }
         Ok(())
+    }
+
+    /// Shoots these stations until they suffice; how many that were.
+    fn stations(&mut self, stations: &[usize]) -> Result<usize, Ended> {
+        for (shot, &station) in stations.iter().enumerate() {
+            if self.lights_suffice(station)? {
+                return Ok(shot);
+            }
+            self.whole_station(station)?.map_err(Ended::Interrupted)?;
+            self.hand_over(|session| Job::Develop { session, station })?;
+        }
+        Ok(stations.len())
     }
 
     /// Proves that these stations were lit from where the arm said.
@@ -277,13 +290,7 @@ impl<'a> Acquisition<'a> {
     fn shoot_bracket(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
         self.bracket += 1;
         self.witness.begin();
-        for exposure in 0..self.work.exposures(station).len() {
-            if self.safe_point()? {
-                self.check_light(angle_deg)?;
-            }
-            self.take_frame(station, exposure, angle_deg)?;
-            self.measure_pace();
-        }
+        self.expose(station, angle_deg)?;
         if let Some(drift) = self.witness.finish() {
             let Drift { exposure, change, sigma } = drift;
             let fields = json!({"station": station, "exposure": exposure, "change": change, "sigma": sigma});

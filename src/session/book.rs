@@ -91,12 +91,17 @@ impl Entry {
         snapshot
     }
 
-    /// Share of the planned frame time that is committed.
+    /// Share of the planned frame time that is committed, or was found to be dispensable.
     pub fn share_done(&self) -> f64 {
         let all = |station| self.work.exposures(station).iter().map(PlannedExposure::seconds).sum::<f64>();
+        let left_out = |station: usize| {
+            let exposures = self.work.exposures(station).iter().enumerate();
+            exposures.filter(move |(exposure, _)| self.ledger.left_out(station, *exposure)).map(|(_, e)| e.seconds())
+        };
         let one = |frame: &FrameRecord| self.work.exposures(frame.station).get(frame.exposure);
         let done: f64 = self.ledger.frames().filter_map(one).map(PlannedExposure::seconds).sum();
-        done / (0..self.work.stations()).map(all).sum::<f64>()
+        let spared: f64 = (0..self.work.stations()).flat_map(left_out).sum();
+        (done + spared) / (0..self.work.stations()).map(all).sum::<f64>()
     }
 
     /// A calibration run as anyone may see it; none of a session.

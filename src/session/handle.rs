@@ -4,6 +4,7 @@ mod calibration;
 mod lamp;
 mod queue;
 
+use super::adaptive::Saved;
 use super::book::{Book, Entry, Inner};
 use super::budget::TimeBudget;
 use super::calibration::file::NAME as CALIBRATION_FILE;
@@ -58,8 +59,10 @@ pub struct SessionSnapshot {
     pub station: usize,
     /// Frames committed to disk and journalled.
     pub frames_committed: usize,
-    /// Frames in the plan.
+    /// Frames in the plan, without those that an adaptive session left out.
     pub frames_planned: usize,
+    /// What an adaptive session left out so far, and what that cost; null of one that shoots all of its plan.
+    pub saved: Option<Saved>,
     /// Stations developed to radiance.
     pub stations_developed: usize,
     /// Estimated time left, seconds; null when unknown or over.
@@ -329,12 +332,12 @@ impl EngineHandle {
     pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
         let inner = self.book.lock();
         let entry = inner.session(id)?;
-        let snapshot = entry.snapshot();
+        let (snapshot, lights) = (entry.snapshot(), entry.ledger.stations());
         let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
         if !snapshot.state.is_final() {
             return Err(busy());
         }
-        request.check(snapshot.stations)?;
+        request.check(lights)?;
         let job = Job::Fit { session: id.to_owned(), request: request.clone(), done: None };
         self.jobs.try_send(job).map_err(|error| match error {
             TrySendError::Full(_) => busy(),

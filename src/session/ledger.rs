@@ -1,10 +1,12 @@
 //! What a session's journal adds up to. The same fold serves the running session and the ones found on disk.
 
+use super::adaptive::Decisions;
 use super::budget::TimeBudget;
 use super::calibration::progress::Progress;
 use super::calibration::step::Step;
 use super::handle::SessionSnapshot;
 use super::lamp::drift::{Drift, PatchReading};
+use super::plan::PlannedExposure;
 use super::state::SessionState;
 use super::work::Work;
 use crate::store::manifest::Manifest;
@@ -51,6 +53,9 @@ pub struct Ledger {
     pub progress: Option<Progress>,
     /// Exposures by station.
     exposures: Vec<usize>,
+    decisions: Decisions,
+    /// The bracket of an adaptive session.
+    adaptive: Option<Vec<PlannedExposure>>,
     frames: BTreeMap<(usize, usize), FrameRecord>,
     superseded: Vec<FrameRecord>,
     developed: BTreeSet<usize>,
@@ -82,6 +87,7 @@ impl Ledger {
             station: 0,
             frames_committed: 0,
             frames_planned: work.frames(),
+            saved: None,
             stations_developed: 0,
             remaining_s: None,
             calibration: work.capture().and_then(|plan| plan.calibration.clone()),
@@ -96,11 +102,15 @@ impl Ledger {
         let first =
             |plan: &super::calibration::plan::CalibrationPlan| plan.steps.first().map_or(Step::Done, |s| s.step);
         let progress = work.calibration().map(|plan| Progress::new(first(plan)));
+        let adaptive = work.capture().filter(|plan| plan.adaptive.is_some()).map(|plan| plan.exposures.clone());
         let (frames, superseded, developed) = (BTreeMap::new(), Vec::new(), BTreeSet::new());
+        let decisions = Decisions::default();
         Self {
             snapshot,
             progress,
             exposures,
+            decisions,
+            adaptive,
             frames,
             superseded,
             developed,
@@ -146,6 +156,10 @@ impl Ledger {
             // An arm that was brought back lit the lamp anew.
             Some("fault.cleared") => self.lighting += usize::from(record["device"] == "arm"),
             Some("frame.lost") => self.lose_frame(record),
+            Some("exposures.enough" | "lights.judged") => {
+                self.decisions.apply(record);
+                self.count_saved();
+            }
             Some("time.budget") => self.snapshot.time_budget = TimeBudget::deserialize(record).ok(),
             Some("fit.finished") => {
                 self.described |= record["error"].is_null();
@@ -216,15 +230,25 @@ impl Ledger {
                 self.superseded.extend(self.frames.remove(&cell));
             }
         }
+        self.decisions.begin(station, frame.bracket);
         self.frames.insert((station, frame.exposure), frame);
         self.snapshot.frames_committed = self.frames.len();
         self.outdate(station);
+        self.count_saved();
     }
 
     /// Radiance of frames that no longer count does not count; all stations are developed through the response of the first.
     fn outdate(&mut self, station: usize) {
         self.developed.retain(|&developed| station > 0 && developed != station);
         self.snapshot.stations_developed = self.developed.len();
+    }
+
+    /// What an adaptive session leaves out is not to come.
+    fn count_saved(&mut self) {
+        let Some(exposures) = &self.adaptive else { return };
+        let saved = self.decisions.saved(self.exposures.len(), exposures);
+        self.snapshot.frames_planned = self.exposures.iter().sum::<usize>() - saved.exposures;
+        self.snapshot.saved = Some(saved);
     }
 
     /// A committed frame whose file is no longer what it was does not count.
@@ -264,6 +288,11 @@ impl Ledger {
         self.every_frame().any(|frame| frame.file == name)
     }
 
+    /// The frame of a cell of the plan that counts.
+    pub fn frame(&self, station: usize, exposure: usize) -> Option<&FrameRecord> {
+        self.frames.get(&(station, exposure))
+    }
+
     /// The frames that count, by station and exposure.
     pub fn frames(&self) -> impl Iterator<Item = &FrameRecord> {
         self.frames.values()
@@ -274,11 +303,25 @@ impl Ledger {
         self.frames.values().chain(&self.superseded)
     }
 
-    /// The bracket of a station in shooting order, if every exposure of it is there.
+    /// Stations of the plan that are to be shot: all, unless fewer were found to suffice.
+    pub fn stations(&self) -> usize {
+        self.decisions.stations(self.exposures.len())
+    }
+
+    /// True when this exposure of the plan was found to be dispensable.
+    pub fn left_out(&self, station: usize, exposure: usize) -> bool {
+        self.decisions.left_out(self.exposures.len(), station, exposure)
+    }
+
+    /// The bracket of a station in the order of the plan, if every exposure of it is there that was not left out.
     pub fn bracket(&self, station: usize) -> Option<Vec<FrameRecord>> {
         let frames: Vec<_> =
             self.frames.range((station, 0)..=(station, usize::MAX)).map(|(_, frame)| frame.clone()).collect();
-        (Some(&frames.len()) == self.exposures.get(station)).then_some(frames)
+        let whole = match self.decisions.exposures(station) {
+            Some(shot) => frames.len() == shot.len() && frames.iter().all(|frame| shot.contains(&frame.exposure)),
+            None => Some(&frames.len()) == self.exposures.get(station),
+        };
+        whole.then_some(frames)
     }
 
     /// True when the station's radiance is on disk.

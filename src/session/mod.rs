@@ -1,5 +1,6 @@
 //! One acquisition: plan (data), state machine, engine (owner of arm and camera), frame checks, fitting worker.
 mod acquire;
+pub mod adaptive;
 pub mod bench;
 mod book;
 pub mod budget;

@@ -1,5 +1,7 @@
 //! A capture plan: pure data, checked whole before anything moves.
 
+pub use super::adaptive::{Adaptive, LightTargets};
+use super::adaptive::{FIRST_JUDGED, object, spread};
 use rig_config::{Rig, Shutter};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -17,6 +19,9 @@ pub struct StartRequest {
     /// The calibration to use: an id, `latest`, or `none` for the rig file's geometry. Left out: the latest that fits, else the rig file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<String>,
+    /// What the session may leave out of its plan; nothing if left out.
+    #[serde(deserialize_with = "object", skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<Adaptive>,
 }
 
 /// One light station of the plan.
@@ -72,6 +77,10 @@ pub struct CapturePlan {
     /// What to know before shooting: a stale calibration, for instance.
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// What may be left out of it; figures above are of all of it. Absent where nothing may.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub adaptive: Option<Adaptive>,
 }
 
 /// Why a request is no plan: one entry a mistake.
@@ -115,9 +124,11 @@ impl CapturePlan {
             None => rig.plan.exposures.clone(),
         };
         check_bracket(&shutters, &mut reasons);
+        let lights = request.adaptive.as_ref().inspect(|adaptive| adaptive.check(&mut reasons)).and_then(|a| a.lights);
         if !reasons.is_empty() {
             return Err(PlanError { reasons });
         }
+        let angles = if lights.is_some() { spread(&angles) } else { angles };
         let station = |&angle_deg: &f64| Station {
             angle_deg,
             light_position_mm: rig.lamp.position_mm(angle_deg),
@@ -132,7 +143,14 @@ impl CapturePlan {
             estimated_bytes: 0,
             calibration: None,
             warnings: Vec::new(),
+            adaptive: request.adaptive.clone(),
         };
+        if lights.is_some() && angles.len() <= FIRST_JUDGED {
+            plan.warnings.push(format!(
+                "adaptive.lights: {} stations are shot in any case, more than {FIRST_JUDGED} are needed to leave one out",
+                angles.len()
+            ));
+        }
         let mut tally = Tally::new(rig);
         plan.stations.iter().for_each(|station| tally.station(station.angle_deg, &plan.exposures));
         plan.estimated_s = rig.lamp.steady_s + tally.seconds();

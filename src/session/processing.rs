@@ -1,5 +1,8 @@
 //! From committed frames to a fitted material: which pipeline steps the worker runs, on which files.
 
+mod metered;
+
+use super::adaptive::{Saved, Weighed};
 use super::calibration::file::CalibrationFile;
 use super::calibration::measure::Measuring;
 use super::calibration::plan::CalibrationPlan;
@@ -8,11 +11,13 @@ use super::crop;
 use super::handle::FitRequest;
 use super::lamp::patch;
 use super::ledger::FrameRecord;
-use super::plan::{LEAST_EXPOSURES, Station};
+use super::plan::{LEAST_EXPOSURES, PlannedExposure, Station};
 use crate::numerics::image::RadianceImage;
+use crate::numerics::radiometry::metering::Worth;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
-use crate::pipeline::fit::{FitOptions, OnProgress, cpu_seconds, fit};
+use crate::pipeline::fit::{FitOptions, FitResult, OnProgress, cpu_seconds, fit};
+use crate::pipeline::metering::Metering;
 use crate::store::dataset::SessionLight;
 use crate::store::files::read_text;
 use crate::store::manifest::Manifest;
@@ -40,6 +45,32 @@ pub struct Bracket {
     pub frames: Vec<FrameRecord>,
 }
 
+/// A bracket of an adaptive session that is being shot.
+#[derive(Clone, Debug)]
+pub struct OpenBracket {
+    /// Session id.
+    pub session: String,
+    /// Its directory.
+    pub directory: PathBuf,
+    /// Index of the light station.
+    pub number: usize,
+    /// The station.
+    pub station: Station,
+    /// The exposures of the plan.
+    pub exposures: Vec<PlannedExposure>,
+    /// The frames so far, in the order in which they were shot.
+    pub frames: Vec<FrameRecord>,
+}
+
+/// What an adaptive bracket needs next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Next {
+    /// This exposure of the plan.
+    Shoot(usize),
+    /// Nothing; the frames that are there are worth this.
+    Enough(Worth),
+}
+
 /// A fit of the stations that are developed.
 #[derive(Clone, Debug)]
 pub struct FitJob {
@@ -57,6 +88,8 @@ pub struct FitJob {
     pub described: bool,
     /// What differs from the rig file.
     pub request: FitRequest,
+    /// What the session left out of its plan.
+    pub saved: Option<Saved>,
 }
 
 /// A step of a calibration run that was shot.
@@ -93,6 +126,10 @@ pub trait Processing: Send {
     /// Develops a bracket to `radiance/NN.exr`; brackets of a session come in the order of their stations. Returns an object for the
     /// journal: `exposures`, their times, and `patch`, what the reference patch showed.
     fn develop(&mut self, bracket: &Bracket) -> Result<Value, String>;
+    /// Says which exposure of an adaptive bracket is to be shot next. After an error the whole bracket is.
+    fn meter(&mut self, bracket: &OpenBracket) -> Result<Next, String>;
+    /// Fits the stations so far and says how good they are; writes no result.
+    fn weigh(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Weighed, String>;
     /// Judges a step of a calibration; with the last one, writes the calibration. An error ends the run.
     fn judge(&mut self, job: &StepJob) -> Result<Judged, String>;
     /// Fits and writes `result/`; returns the report.
@@ -104,6 +141,8 @@ pub struct PipelineProcessing {
     rig: Rig,
     /// Response and reference exposure of the first bracket of a session, used for all of it, and its times.
     known: Option<(String, Known)>,
+    /// The adaptive bracket in hand: its session and station.
+    open: Option<(String, usize, Metering)>,
     /// What is known of the calibration run in hand.
     measuring: Measuring,
 }
@@ -111,7 +150,7 @@ pub struct PipelineProcessing {
 impl PipelineProcessing {
     /// For sessions of this rig.
     pub fn new(rig: &Rig) -> Self {
-        Self { rig: rig.clone(), known: None, measuring: Measuring::default() }
+        Self { rig: rig.clone(), known: None, open: None, measuring: Measuring::default() }
     }
 
     /// Writes dataset.toml: lights of the plan; camera and sphere of the rig file or, with a calibration, as measured.
@@ -140,6 +179,21 @@ impl PipelineProcessing {
             origin += "; intensities follow the lamp, by the reference patch";
         }
         store::dataset::write_for_session(job.disk.as_ref(), &job.directory, &rig, &lights, &origin)
+    }
+
+    fn fitted(&self, job: &FitJob, progress: OnProgress<'_>) -> Result<FitResult, String> {
+        let calibration = CalibrationFile::of_session(&job.directory)?;
+        if !(job.described && job.directory.join("dataset.toml").exists()) {
+            self.describe(job, calibration.as_ref())?;
+        }
+        let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
+        let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
+        let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
+        let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
+        result.report.add_load(load.as_secs_f64(), cpu_load);
+        result.material.provenance.simulated = Some(self.rig.is_simulated());
+        result.material.provenance.calibration = calibration.map(|calibration| calibration.title());
+        Ok(result)
     }
 
     fn options(&self, request: &FitRequest) -> FitOptions {
@@ -210,19 +264,24 @@ impl Processing for PipelineProcessing {
         self.measuring.judge(&self.rig, job)
     }
 
+    fn meter(&mut self, bracket: &OpenBracket) -> Result<Next, String> {
+        self.next_exposure(bracket)
+    }
+
+    fn weigh(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Weighed, String> {
+        let FitResult { report, material, .. } = self.fitted(job, progress)?;
+        let taken = report.candidates.iter().find(|candidate| candidate.taken);
+        Ok(Weighed {
+            left_out_error: taken.and_then(|taken| taken.left_out_relative_error),
+            left_out_highlight_error: taken.and_then(|taken| taken.left_out_highlight_relative_error),
+            parameter_error: material.worst_parameter(),
+        })
+    }
+
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
-        let calibration = CalibrationFile::of_session(&job.directory)?;
-        if !(job.described && job.directory.join("dataset.toml").exists()) {
-            self.describe(job, calibration.as_ref())?;
-        }
-        let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
-        let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;
-        let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
-        let mut result = fit(&dataset, &self.options(&job.request), progress).map_err(|e| e.to_string())?;
-        result.report.add_load(load.as_secs_f64(), cpu_load);
-        result.material.provenance.simulated = Some(self.rig.is_simulated());
-        result.material.provenance.calibration = calibration.map(|calibration| calibration.title());
+        let mut result = self.fitted(job, progress)?;
         result.report.warnings.splice(0..0, job.warnings.iter().cloned());
+        result.report.adaptive.clone_from(&job.saved);
         let finished = job.directory.join("result");
         keep::directory(job.disk.as_ref(), &finished, |unfinished| {
             store::result::write(unfinished, &result).map_err(|e| e.to_string())

@@ -1,9 +1,10 @@
 //! The embedded fitting worker: one thread that develops station k while station k + 1 is shot, then fits; also serves refits.
 
 use super::acquire::Ended;
+use super::adaptive::Weighed;
 use super::book::{Book, Entry};
 use super::handle::FitRequest;
-use super::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use super::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
 use crate::pipeline::fit::FitProgress;
@@ -39,6 +40,24 @@ pub enum Job {
         step: usize,
         /// Told what it is worth.
         done: SyncSender<Result<Judged, Fault>>,
+    },
+    /// Say which exposure of an adaptive bracket comes next.
+    Meter {
+        /// Session id.
+        session: String,
+        /// Index of the light station.
+        station: usize,
+        /// Exposures of the bracket that are committed, in the order in which they were shot.
+        shot: Vec<usize>,
+        /// Told which; a reason where nothing can be said.
+        done: SyncSender<Result<Next, String>>,
+    },
+    /// Fit the stations so far and say how good they are.
+    Weigh {
+        /// Session id.
+        session: String,
+        /// Told how good.
+        done: SyncSender<Result<Weighed, Fault>>,
     },
     /// Nothing more: the worker ends.
     End,
@@ -89,6 +108,14 @@ impl Worker {
                     let judged = self.judge(&session, step).map_err(|reason| self.fault(&session, &reason));
                     // The engine may have gone on without it.
                     let _ = done.send(judged);
+                }
+                Job::Meter { session, station, shot, done } => {
+                    // The engine may have gone on without it, here and below.
+                    let _ = done.send(self.meter(&session, station, &shot));
+                }
+                Job::Weigh { session, done } => {
+                    let weighed = self.weigh(&session).map_err(|reason| self.fault(&session, &reason));
+                    let _ = done.send(weighed);
                 }
                 Job::Fit { session, request, done } => {
                     let result = self.fit(&session, request);
@@ -170,7 +197,36 @@ impl Worker {
         guarded(|| processing.judge(&job))
     }
 
-    fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
+    fn meter(&mut self, session: &str, station: usize, shot: &[usize]) -> Result<Next, String> {
+        let bracket = self.book.look(session, |entry| {
+            let plan = entry.work.capture()?;
+            let cell = |&exposure: &usize| entry.ledger.frame(station, exposure).cloned();
+            Some(OpenBracket {
+                session: session.to_owned(),
+                directory: entry.directory.clone(),
+                number: station,
+                station: plan.stations.get(station)?.clone(),
+                exposures: plan.exposures.clone(),
+                frames: shot.iter().map(cell).collect::<Option<_>>()?,
+            })
+        });
+        let bracket = bracket.flatten().ok_or_else(|| format!("the frames of station {station} are not there"))?;
+        let processing = &mut self.processing;
+        guarded(|| processing.meter(&bracket))
+    }
+
+    fn weigh(&mut self, session: &str) -> Result<Weighed, String> {
+        let job = self.fit_job(session, FitRequest::default())?;
+        let book = Arc::clone(&self.book);
+        let mut go_on = |_: FitProgress| {
+            if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let processing = &mut self.processing;
+        guarded(|| processing.weigh(&job, &mut go_on))
+    }
+
+    /// A fit of the stations that are complete, all of them developed.
+    fn fit_job(&mut self, session: &str, request: FitRequest) -> Result<FitJob, String> {
         let disk = self.disk();
         let unknown = "there is no such session";
         let complete = |entry: &mut Entry| {
@@ -192,9 +248,14 @@ impl Worker {
             let stations = entry.work.capture()?.stations.iter().take(complete).cloned().collect();
             let (brightness, warnings) = (entry.ledger.brightness(complete), entry.ledger.warnings());
             let (directory, described) = (entry.directory.clone(), entry.ledger.is_described());
-            Some(FitJob { directory, disk, stations, brightness, warnings, described, request })
+            let saved = entry.ledger.snapshot.saved.clone();
+            Some(FitJob { directory, disk, stations, brightness, warnings, described, request, saved })
         });
-        let job = job.flatten().ok_or(unknown)?;
+        job.flatten().ok_or_else(|| unknown.to_owned())
+    }
+
+    fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
+        let job = self.fit_job(session, request)?;
         let (book, mut last) = (Arc::clone(&self.book), None::<Duration>);
         let mut progress = |at: FitProgress| {
             let now = book.clock.elapsed();

@@ -9,6 +9,7 @@ pub mod forward;
 pub mod lights;
 pub mod merge;
 pub mod method;
+pub mod relit;
 pub mod scene;
 pub mod score;
 pub mod speed;

@@ -29,6 +29,8 @@ pub struct Known {
 pub struct Told {
     /// The frames that count, by station and exposure.
     pub frames: BTreeMap<(u64, u64), Value>,
+    /// Brackets that were called complete with some exposures: station, then bracket and their number.
+    enough: BTreeMap<u64, (Value, usize)>,
     developed: BTreeSet<u64>,
     /// Number of the last fit.
     fit: Option<u64>,
@@ -46,6 +48,11 @@ impl Told {
                     told.frames.retain(|at, old| at.0 != station || old["bracket"] == record["bracket"]);
                     told.frames.insert((station, exposure), record.clone());
                 }
+                "exposures.enough" => {
+                    let exposures = record["exposures"].as_array().unwrap().len();
+                    let station = record["station"].as_u64().unwrap();
+                    told.enough.insert(station, (record["bracket"].clone(), exposures));
+                }
                 "station.developed" => drop(told.developed.insert(record["station"].as_u64().unwrap())),
                 "fit.finished" if record["error"].is_null() => told.fit = record["iterations"].as_u64(),
                 "session.state" => told.completed = record["state"] == "completed",
@@ -57,8 +64,14 @@ impl Told {
 
     /// Stations whose brackets are whole.
     pub fn whole(&self, rig: &Rig) -> BTreeSet<usize> {
-        let exposures = rig.plan.exposures.len();
-        let whole = |station: &usize| self.frames.keys().filter(|cell| cell.0 == *station as u64).count() == exposures;
+        let whole = |station: &usize| {
+            let frames: Vec<_> = self.frames.iter().filter(|(cell, _)| cell.0 == *station as u64).collect();
+            let enough = self
+                .enough
+                .get(&(*station as u64))
+                .filter(|(bracket, _)| frames.iter().all(|(_, frame)| frame["bracket"] == *bracket));
+            frames.len() == enough.map_or(rig.plan.exposures.len(), |(_, exposures)| *exposures)
+        };
         (0..rig.plan.stations_deg.len()).filter(whole).collect()
     }
 

@@ -13,6 +13,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, FitRequest};
+use rigd::session::plan::{Adaptive, StartRequest};
 use rigd::session::state::{SessionState as S, Verb};
 use rigd::session::verify::verify;
 use rigd::store::{Clock, Store, journal};
@@ -41,7 +42,8 @@ pub struct Tally {
 }
 
 /// One session from its start to its end, through as many cuts as `seed` says. `in_turn`: the seed also says when the worker develops;
-/// otherwise the threads' chance does. The error is a promise that was broken.
+/// otherwise the threads' chance does, and sessions of odd seeds are adaptive: in those the engine waits for the worker. The error is
+/// a promise that was broken.
 pub fn live_through(seed: u64, course: Course, forgets: Forgets, in_turn: bool) -> Result<Tally, String> {
     let folder = folder(seed);
     let tally = Tally::default();
@@ -56,6 +58,7 @@ pub fn live_through(seed: u64, course: Course, forgets: Forgets, in_turn: bool) 
         whole: BTreeSet::new(),
         waiting: 0,
         in_turn,
+        adaptive: !in_turn && seed % 2 == 1,
         tally,
     };
     faults::install(&session.fakes, &chance);
@@ -118,6 +121,7 @@ struct Session {
     /// Those of them that the worker is given then.
     waiting: usize,
     in_turn: bool,
+    adaptive: bool,
     tally: Tally,
 }
 
@@ -220,7 +224,11 @@ impl Session {
         }
         let id = match found {
             Some(id) => id,
-            None => patiently(|| engine.start(&Default::default(), None)).map_err(|e| short(disk, e))?.snapshot.id,
+            None => {
+                let adaptive = self.adaptive.then(Adaptive::default);
+                let request = StartRequest { adaptive, ..StartRequest::default() };
+                patiently(|| engine.start(&request, None)).map_err(|e| short(disk, e))?.snapshot.id
+            }
         };
         self.known.id = Some(id.clone());
         let now = || engine.session(&id).unwrap();

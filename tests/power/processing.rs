@@ -1,8 +1,10 @@
 //! A pipeline whose pieces of work are small and known beforehand; they go to disk as those of the real one do.
 
 use super::turns::Turns;
+use rigd::numerics::radiometry::metering::Worth;
 use rigd::pipeline::fit::OnProgress;
-use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use rigd::session::adaptive::Weighed;
+use rigd::session::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use rigd::store::keep;
 use serde_json::{Value, json};
 use std::fs;
@@ -51,6 +53,18 @@ impl Processing for Keeping {
         // The engine must not wait for a station that will not be developed.
         keep::file(bracket.disk.as_ref(), &path, |path| write(path, &text)).inspect_err(|_| self.turns.end())?;
         Ok(Value::Null)
+    }
+
+    /// Stations of odd numbers need the last exposure alone, the others all.
+    fn meter(&mut self, bracket: &OpenBracket) -> Result<Next, String> {
+        let last = bracket.exposures.len() - 1;
+        let needed = if bracket.number % 2 == 1 { last..=last } else { 0..=last };
+        let next = needed.into_iter().nth(bracket.frames.len());
+        Ok(next.map_or(Next::Enough(Worth::default()), Next::Shoot))
+    }
+
+    fn weigh(&mut self, _: &FitJob, _: OnProgress<'_>) -> Result<Weighed, String> {
+        Err("lights are not judged here".into())
     }
 
     fn judge(&mut self, _: &StepJob) -> Result<Judged, String> {

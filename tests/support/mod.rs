@@ -4,24 +4,26 @@
 mod description;
 pub mod disk;
 pub mod jpeg;
+mod processing;
 
 #[allow(unused_imports, reason = "each test file uses its part")]
 pub use description::{LEVEL, PARK, SIZE, rig};
 use disk::TestDisk;
+use processing::FakeProcessing;
 
 use rig_config::Rig;
 use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
-use rigd::pipeline::fit::{FitProgress, OnProgress};
+use rigd::session::adaptive::Weighed;
 use rigd::session::bench::OpenArm;
-use rigd::session::calibration::file::{self, CalibrationFile};
+use rigd::session::calibration::file::CalibrationFile;
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
-use rigd::session::processing::{Bracket, FitJob, Judged, Processing, StepJob};
+use rigd::session::processing::{Next, OpenBracket};
 use rigd::session::state::SessionState;
 use rigd::store::Store;
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -58,6 +60,8 @@ pub enum Act {
 type ArmScript = Box<dyn FnMut(&'static str, &mut World) -> Option<ArmError> + Send>;
 type CameraScript = Box<dyn FnMut(&Shot, usize, &Cancel) -> Act + Send>;
 type StepScript = Box<dyn FnMut(&str) -> Option<String> + Send>;
+type MeterScript = Box<dyn FnMut(&OpenBracket) -> Result<Next, String> + Send>;
+type WeighScript = Box<dyn FnMut(usize) -> Result<Weighed, String> + Send>;
 
 /// Everything a test can script or look at.
 #[derive(Clone)]
@@ -66,6 +70,8 @@ pub struct Fakes {
     pub arm_script: Arc<Mutex<ArmScript>>,
     pub camera_script: Arc<Mutex<CameraScript>>,
     pub step_script: Arc<Mutex<StepScript>>,
+    pub meter_script: Arc<Mutex<MeterScript>>,
+    pub weigh_script: Arc<Mutex<WeighScript>>,
     /// What the last step of a calibration measures.
     pub measured: Arc<Mutex<Option<CalibrationFile>>>,
     pub disk: Arc<TestDisk>,
@@ -78,6 +84,8 @@ impl Default for Fakes {
             arm_script: Arc::new(Mutex::new(Box::new(|_, _| None))),
             camera_script: Arc::new(Mutex::new(Box::new(|_, _, _| Act::Good))),
             step_script: Arc::new(Mutex::new(Box::new(|_| None))),
+            meter_script: Arc::new(Mutex::new(Box::new(|_| Err("no metering here".into())))),
+            weigh_script: Arc::new(Mutex::new(Box::new(|_| Err("no fit here".into())))),
             measured: Arc::default(),
             disk: Arc::default(),
         }
@@ -102,6 +110,16 @@ impl Fakes {
     /// Called with `develop N` and `fit`; a text makes that step fail.
     pub fn on_step(&self, script: impl FnMut(&str) -> Option<String> + Send + 'static) {
         *self.step_script.lock().unwrap() = Box::new(script);
+    }
+
+    /// Called with every adaptive bracket before its next exposure.
+    pub fn on_meter(&self, script: impl FnMut(&OpenBracket) -> Result<Next, String> + Send + 'static) {
+        *self.meter_script.lock().unwrap() = Box::new(script);
+    }
+
+    /// Called with the number of stations whose fit is judged.
+    pub fn on_weigh(&self, script: impl FnMut(usize) -> Result<Weighed, String> + Send + 'static) {
+        *self.weigh_script.lock().unwrap() = Box::new(script);
     }
 
     /// Blocks shot number `n` until the returned gate is opened.
@@ -323,63 +341,5 @@ impl Camera for FakeCamera {
 impl Drop for FakeCamera {
     fn drop(&mut self) {
         self.fakes.world().camera_open = false;
-    }
-}
-
-/// The calibration as the run's own.
-fn write_measured(job: &StepJob, found: CalibrationFile) {
-    let manifest = &job.manifest;
-    let (arm, camera_model, version) = (manifest.arm.clone(), manifest.camera.clone(), manifest.version.unwrap());
-    let found = CalibrationFile { id: manifest.id.clone(), version, arm, camera_model, ..found };
-    let path = file::path(&job.directory);
-    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    std::fs::write(path, serde_json::to_vec(&found).unwrap()).unwrap();
-}
-
-struct FakeProcessing(Fakes);
-
-impl Processing for FakeProcessing {
-    fn least_exposures(&self) -> usize {
-        1
-    }
-
-    fn develop(&mut self, bracket: &Bracket) -> Result<Value, String> {
-        if let Some(reason) = self.0.step_script.lock().unwrap()(&format!("develop {}", bracket.station)) {
-            return Err(reason);
-        }
-        for frame in &bracket.frames {
-            let bytes = std::fs::read(bracket.directory.join("frames").join(&frame.file)).unwrap();
-            assert_eq!(blake3::hash(&bytes).to_hex().as_str(), frame.blake3);
-        }
-        self.0.world().developed.push((bracket.station, bracket.frames.len()));
-        Ok(Value::Null)
-    }
-
-    fn judge(&mut self, job: &StepJob) -> Result<Judged, String> {
-        let name = job.plan.steps[job.step].step.name();
-        let shot: usize = job.frames[job.plan.stations_of(job.step)].iter().map(Vec::len).sum();
-        self.0.world().judged.push((name.clone(), shot));
-        match self.0.step_script.lock().unwrap()(&name) {
-            Some(reason) if reason.starts_with("fatal") => Err(reason),
-            Some(reason) => Ok(Judged::Refused(reason)),
-            None => {
-                let measured = self.0.measured.lock().unwrap().clone();
-                if let Some(found) = measured.filter(|_| name == "balls") {
-                    write_measured(job, found);
-                }
-                Ok(Judged::Accepted(json!({"frames": shot})))
-            }
-        }
-    }
-
-    fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String> {
-        if let Some(reason) = self.0.step_script.lock().unwrap()("fit") {
-            return Err(reason);
-        }
-        if progress(FitProgress { iteration: 1, cost: 2.5 }).is_break() {
-            return Err("the fit was cancelled".into());
-        }
-        self.0.world().fitted.push(job.stations.len());
-        Ok(json!({"mean_relative_error": 0.04, "iterations": 3, "termination": "converged"}))
     }
 }

@@ -3,25 +3,18 @@
 //! The gauge (gamma_m -> a gamma_m, rho_m -> rho_m / a) is removed first: each fitted material is scaled so that its weight
 //! map fits the true one best.
 
-use crate::numerics::brdf::{self, Lobe, Material};
-use crate::numerics::geometry::{Angles, Vec3};
+use crate::numerics::brdf::Material;
+use crate::numerics::geometry::Vec3;
 use crate::pipeline::dataset::Geometry;
-use crate::pipeline::relight::relight;
-use crate::sim::pose::Pose;
 use crate::sim::world::World;
 use crate::store::result::StoredMaterial;
+use crate::study::relit::{UNSEEN_DEG, relit, true_geometry};
 use anyhow::Context;
 use rig_config::Rig;
 use std::io::Write;
 
-/// Arm angles the fit never saw, degrees.
-const UNSEEN_DEG: [f64; 4] = [-38.0, -3.0, 32.0, 67.0];
-
 /// Every parameter must be this close to the truth for the material to count as recovered.
 const PARAMETER_LIMIT: f64 = 0.25;
-
-/// Cosines above which relighting is judged.
-const COSINE_CUTOFF: f64 = 0.15;
 
 /// One line of the comparison.
 struct Line {
@@ -98,27 +91,13 @@ pub fn compare(
     (papers_error, relight_limit): (f64, f64),
 ) -> anyhow::Result<Verdict> {
     let simulation = rig.simulation.as_ref().context("the rig is not simulated")?;
-    let lobe = brdf::by_name(&stored.material.model).context("unknown BRDF model")?;
     let world = World::new(rig, simulation);
-    let geometry = geometry(rig, &world);
+    let geometry = true_geometry(rig, &world);
     let found = stored.material.materials();
     let (lines, weight_error) = match_materials(&world, stored, &geometry, &found)?;
-    let relight_error = relight_error(rig, &world, stored, &geometry, lobe, &found)?;
+    let relit = relit(rig, &world, stored).context("no fitted point is lit by an unseen light")?;
+    let relight_error = relit.overall;
     Ok(Verdict { lines, mean_relative_error, papers_error, relight_error, relight_limit, weight_error })
-}
-
-/// The true geometry, whatever the fit was told.
-fn geometry(rig: &Rig, world: &World) -> Geometry {
-    let truth = world.truth();
-    Geometry {
-        width: rig.camera.width,
-        height: rig.camera.height,
-        projection: truth.projection.clone(),
-        object: truth.object.clone().into(),
-        mask: None,
-        lights: Vec::new(),
-        cosine_cutoff: COSINE_CUTOFF,
-    }
 }
 
 /// Weights of one material over the fitted pixels, found and true.
@@ -188,40 +167,4 @@ fn parameter_lines(material: usize, truth: &Material, found: &Material, gauge: f
     }
     lines.push(Line { name: name("beta"), truth: truth.beta, found: found.beta });
     lines
-}
-
-/// Mean of |I - model| / I against the noise-free world under lights the fit never saw.
-fn relight_error(
-    rig: &Rig,
-    world: &World,
-    stored: &StoredMaterial,
-    geometry: &Geometry,
-    lobe: &dyn Lobe,
-    found: &[Material],
-) -> anyhow::Result<f64> {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for angle_deg in UNSEEN_DEG {
-        let pose = Pose { angle_deg, lamp_permille: rig.lamp.level_permille };
-        let (light, truth) = (world.light(pose), world.radiance(pose));
-        let model = relight(lobe, found, &stored.weights, geometry, &light);
-        for y in 0..geometry.height {
-            for x in 0..geometry.width {
-                let Some(point) = geometry.object.at(x, y, &geometry.projection.ray(x as f64 + 0.5, y as f64 + 0.5))
-                else {
-                    continue;
-                };
-                let angles = Angles::new(&point.normal, &light.at(&point.position).0, &point.view);
-                let fitted = stored.weights.iter().any(|map| *map.at(x, y) > 0.0);
-                if !fitted || angles.cos_i <= COSINE_CUTOFF || angles.cos_r <= COSINE_CUTOFF {
-                    continue;
-                }
-                for c in 0..3 {
-                    sum += (truth.at(x, y)[c] - f64::from(model.at(x, y)[c])).abs() / truth.at(x, y)[c];
-                    count += 1.0;
-                }
-            }
-        }
-    }
-    anyhow::ensure!(count > 0.0, "no fitted point is lit by an unseen light");
-    Ok(sum / count)
 }

@@ -15,6 +15,7 @@ mod groups;
 pub mod lean;
 mod level_samples;
 pub mod merge;
+pub mod metering;
 mod monotone;
 pub mod mosaic;
 pub mod noise;

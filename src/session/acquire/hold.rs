@@ -22,7 +22,8 @@ pub(super) const LONG: Duration = Duration::from_secs(3600);
 impl Acquisition<'_> {
     /// Waits for room on the disk; the frame in hand is shot again afterwards.
     pub(super) fn suspend(&mut self, error: &StoreError, frame_bytes: u64) -> Result<(), Ended> {
-        let left = self.book.look(self.id, |e| e.ledger.snapshot.frames_planned - e.ledger.snapshot.frames_committed);
+        let left = |e: &mut Entry| e.ledger.snapshot.frames_planned.saturating_sub(e.ledger.snapshot.frames_committed);
+        let left = self.book.look(self.id, left);
         let rest = frame_bytes.saturating_mul(left.unwrap_or(1) as u64);
         self.wait_for_room(&format!("{error}; the frames still to come need about {rest} bytes"), frame_bytes)
     }

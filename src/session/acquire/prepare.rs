@@ -25,7 +25,7 @@ impl Acquisition<'_> {
                 self.record("frame.lost", fields)?;
             }
         }
-        let all = 0..self.work.stations();
+        let all = 0..self.book.look(self.id, |entry| entry.ledger.stations()).unwrap_or_default();
         let (whole, todo): (Vec<_>, Vec<_>) = all.partition(|&station| self.is_whole(station));
         let waiting: Vec<_> =
             whole.into_iter().filter(|&station| station == 0 || !self.is_developed(station)).collect();

@@ -5,6 +5,7 @@
 //! depend on the level alone stay selectable, for comparison.
 
 mod kernel;
+pub(super) mod precision;
 mod sampled;
 mod weights;
 
@@ -13,16 +14,28 @@ use super::noise::SensorNoise;
 use super::response::Response;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::simd::Level;
+use precision::Precision;
 use rayon::prelude::*;
 use sampled::Sampled;
-use weights::{Tables, frames_needed};
+use weights::{Tables, frames_needed, precision};
 
 /// Samples below this level are not used: the response is not known well there.
 pub(super) const LOWEST_LEVEL: u8 = 10;
 /// From this level on a frame counts as clipped.
-pub(super) const CLIPPED_LEVEL: u8 = 252;
+pub const CLIPPED_LEVEL: u8 = 252;
 /// Pixels a thread takes at a time.
 const CHUNK: usize = 16 * kernel::PIXELS;
+
+/// Frames a sample is merged from, at most: the least of these that does.
+const FEW: usize = 5;
+const SOME: usize = 8;
+const MANY: usize = 16;
+
+/// How many of its longest open frames a sample is merged from, at most, by the precision of each channel.
+pub(super) fn frames_used(channels: &[Precision<'_>; 3]) -> usize {
+    let needed = frames_needed(channels);
+    [FEW, SOME].into_iter().find(|&most| needed <= most).unwrap_or(MANY)
+}
 
 /// Whether a sample is known: of a number of open frames the longest has a level bright enough.
 #[inline(always)]
@@ -91,11 +104,13 @@ impl<'a> Merger<'a> {
     pub fn new(bracket: &'a Bracket, response: &Response, noise: &SensorNoise, estimator: Estimator) -> Self {
         let method: Box<dyn Method> = match estimator {
             // The loop is compiled for these numbers of frames.
-            Estimator::InverseVariance => match frames_needed(bracket, response, noise) {
-                0..=5 => Box::new(Tables::<5>::new(bracket, response, noise)),
-                6..=8 => Box::new(Tables::<8>::new(bracket, response, noise)),
-                _ => Box::new(Tables::<16>::new(bracket, response, noise)),
-            },
+            Estimator::InverseVariance => {
+                match frames_used(&std::array::from_fn(|c| precision(bracket, response, noise, c))) {
+                    FEW => Box::new(Tables::<FEW>::new(bracket, response, noise)),
+                    SOME => Box::new(Tables::<SOME>::new(bracket, response, noise)),
+                    _ => Box::new(Tables::<MANY>::new(bracket, response, noise)),
+                }
+            }
             other => Box::new(Sampled::new(other, bracket, response, noise)),
         };
         Self { bracket, method }

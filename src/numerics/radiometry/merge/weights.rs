@@ -8,20 +8,14 @@
 
 use super::super::bracket::Bracket;
 use super::super::noise::SensorNoise;
-use super::super::response::{LEVELS, Response, level_of, slope};
+use super::super::response::{LEVELS, Response};
+use super::precision::{FADING_LEVEL, Precision};
 use super::{CLIPPED_LEVEL, LOWEST_LEVEL, usable};
 use crate::numerics::simd::look_ups;
 
 /// Share of the precision that the frames left out may hold: 8 % of it is 4 % of the standard error, and hardly any pixel
 /// loses that much.
 const MOST_LOST: f64 = 0.08;
-/// Trust in a frame fades from here to the clipped level, where the response is less and less certain. Were it cut off, noise
-/// would choose among good samples.
-const FADING_LEVEL: f64 = 244.0;
-
-/// It fades likewise from [`LOWEST_LEVEL`] to this one.
-const DARKEST_LEVEL: f64 = 4.0;
-
 /// What a pixel is merged with when its longest open frame has a certain level.
 #[derive(Clone, Copy)]
 pub(super) struct Row<const FRAMES: usize> {
@@ -57,7 +51,7 @@ pub(super) struct Tables<const FRAMES: usize> {
 impl<const FRAMES: usize> Tables<FRAMES> {
     pub fn new(bracket: &Bracket, response: &Response, noise: &SensorNoise) -> Self {
         let channels = std::array::from_fn(|c| {
-            let precision = Precision::new(bracket, response, noise, c);
+            let precision = precision(bracket, response, noise, c);
             let rows = |open| std::array::from_fn(|level| precision.row(open, level));
             ChannelTable {
                 rows: (0..=bracket.exposures().len()).map(rows).collect(),
@@ -81,11 +75,10 @@ impl<const FRAMES: usize> ChannelTable<FRAMES> {
 
 /// How many of the longest open frames a pixel needs for all but [`MOST_LOST`] of the precision, at any level that the longest
 /// can have while the next one is clipped.
-pub(super) fn frames_needed(bracket: &Bracket, response: &Response, noise: &SensorNoise) -> usize {
-    let frames = bracket.exposures().len();
+pub(super) fn frames_needed(channels: &[Precision<'_>; 3]) -> usize {
     let mut needed = 1;
-    for c in 0..3 {
-        let precision = Precision::new(bracket, response, noise, c);
+    for precision in channels {
+        let frames = precision.times.len();
         for open in 1..=frames {
             for level in usize::from(LOWEST_LEVEL)..=FADING_LEVEL as usize {
                 let radiance = precision.exposure(level) / precision.times[open - 1];
@@ -99,52 +92,17 @@ pub(super) fn frames_needed(bracket: &Bracket, response: &Response, noise: &Sens
     needed
 }
 
-/// Precision of one channel's samples.
-struct Precision<'a> {
-    log_exposure: &'a [f64],
+/// Precision of a channel's samples in the frames of `bracket`.
+pub(super) fn precision<'a>(
+    bracket: &Bracket,
+    response: &'a Response,
     noise: &'a SensorNoise,
-    level_variance: f64,
-    saturation: f64,
-    times: Vec<f64>,
+    channel: usize,
+) -> Precision<'a> {
+    Precision::new(bracket.times_s(), bracket.level_variance()[channel], response, noise, channel)
 }
 
-impl<'a> Precision<'a> {
-    fn new(bracket: &Bracket, response: &'a Response, noise: &'a SensorNoise, channel: usize) -> Self {
-        let log_exposure = &response.log_exposure[channel][..];
-        Self {
-            log_exposure,
-            noise,
-            level_variance: bracket.level_variance()[channel],
-            saturation: log_exposure[LEVELS - 1].exp(),
-            times: bracket.exposures().iter().map(|frame| frame.time_s).collect(),
-        }
-    }
-
-    fn exposure(&self, level: usize) -> f64 {
-        self.log_exposure[level].exp()
-    }
-
-    /// The level that `frame` has of a radiance.
-    fn level(&self, radiance: f64, frame: usize) -> f64 {
-        level_of(self.log_exposure, (radiance * self.times[frame]).ln())
-    }
-
-    /// Inverse variance of the radiance that `frame` alone gives, times the trust in it; 0 where it is not to be used.
-    fn of(&self, radiance: f64, frame: usize) -> f64 {
-        let level = self.level(radiance, frame);
-        let clipped = f64::from(CLIPPED_LEVEL);
-        let bright = (clipped - level) / (clipped - FADING_LEVEL);
-        let dark = (level - DARKEST_LEVEL) / (f64::from(LOWEST_LEVEL) - DARKEST_LEVEL);
-        let trust = bright.min(dark).clamp(0.0, 1.0);
-        let time = self.times[frame];
-        trust * time * time / self.exposure_variance(radiance * time, level)
-    }
-
-    fn exposure_variance(&self, exposure: f64, level: f64) -> f64 {
-        let per_level = exposure * slope(self.log_exposure, level);
-        self.noise.exposure_variance(exposure, self.saturation) + self.level_variance * per_level * per_level
-    }
-
+impl Precision<'_> {
     fn frames_needed(&self, open: usize, radiance: f64) -> usize {
         let precisions: Vec<f64> = (0..open).rev().map(|frame| self.of(radiance, frame)).collect();
         let mut left: f64 = precisions.iter().sum();
