@@ -48,7 +48,7 @@ format:
 # With every feature, so that what only a build with them has is looked at as well.
 lint:
 	$(heading) 'lints'
-	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo -- -D warnings
+	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo,rigd/tls -- -D warnings
 
 units:
 	$(heading) 'tests of the workspace'
@@ -124,9 +124,10 @@ openapi: release
 	$(heading) 'fuzz of the REST surface'
 	@tests/schemathesis.sh '$(RIGD)' 60
 
-deb: release
+deb:
 	$(heading) 'Debian package'
 	@$(CARGO) build --quiet --release --package camera-worker
+	@$(CARGO) build --quiet --release --features tls
 	@packaging/build-deb '$(TARGET)/release' '$(TARGET)/deb'
 
 deb-check: deb

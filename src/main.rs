@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, queue, relight, safe, serve, session, simulate, study,
+    bench, calibrate, config, demo, doctor, error, fit, merge, notify, queue, relight, safe, serve, session, simulate, study,
     verify,
 };
 use std::io::IsTerminal;
@@ -32,6 +32,7 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     Config(config::Args),
     Doctor(doctor::Args),
+    Notify(notify::Args),
     Bench(bench::Args),
     /// Measure the solvers on scenes of known truth: tables and charts.
     #[command(subcommand)]
@@ -49,9 +50,13 @@ enum Simulate {
     Camera(simulate::camera::Args),
 }
 
+/// At its finest the HTTP client logs whole addresses, and those of notifications hold secrets.
+const QUIET: [&str; 2] = ["ureq=warn", "ureq_proto=warn"];
+
 fn main() -> ExitCode {
     let filter = tracing_subscriber::EnvFilter::try_from_env("RIGD_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
+    let filter = QUIET.iter().filter_map(|quiet| quiet.parse().ok()).fold(filter, |all, quiet| all.add_directive(quiet));
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
         // In a file or the journal, colours are noise.
@@ -73,6 +78,7 @@ fn main() -> ExitCode {
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Notify(args) => notify::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Study(study) => study::run(&study),
         Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),

@@ -43,9 +43,10 @@ const RULES: &[Rule] = &[
     },
     Rule { module: "study", may: &["sim", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
     Rule { module: "session", may: &["devices", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
+    Rule { module: "notify", may: &["session::handle", "session::state"], but_not: &[], never: &["tokio"] },
     Rule {
         module: "http",
-        may: &["session::handle", "session::plan", "session::state"],
+        may: &["session::handle", "session::plan", "session::state", "notify::Count"],
         but_not: &[],
         never: &["nalgebra", "rayon", "serialport"],
     },

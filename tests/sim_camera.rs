@@ -88,6 +88,7 @@ fn rig() -> Rig {
         },
         storage: rig_config::Storage { data: "data".into(), reserve_bytes: 0, resume_at_start: true },
         server: rig_config::Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
+        notify: None,
         simulation: Some(SIMULATION),
     }
 }

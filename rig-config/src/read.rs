@@ -105,7 +105,7 @@ fn syntax(text: &str, error: &toml::de::Error) -> Reason {
 
 impl RawRig {
     fn into_rig(self) -> Result<Rig, String> {
-        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, simulation } = self;
+        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, notify, simulation } = self;
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
@@ -183,6 +183,12 @@ impl RawRig {
                 listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,
                 tokens: server.tokens,
             },
+            notify: notify.map(|n| Notify {
+                webhook_file: n.webhook_file,
+                ntfy_file: n.ntfy_file,
+                mail_to: n.mail_to,
+                sendmail: n.sendmail,
+            }),
             simulation: simulation.map(|s| Simulation {
                 scene: match s.scene {
                     RawScene::Marble => Scene::Marble,

@@ -26,6 +26,8 @@ pub struct Rig {
     pub storage: Storage,
     /// Where the daemon listens.
     pub server: Server,
+    /// Whom the daemon tells; none: nobody.
+    pub notify: Option<Notify>,
     /// The simulated world; present exactly when a driver is `simulated`.
     pub simulation: Option<Simulation>,
 }
@@ -267,6 +269,19 @@ pub struct Server {
     pub listen: std::net::SocketAddr,
     /// File of the tokens that clients need; none: no token is needed.
     pub tokens: Option<PathBuf>,
+}
+
+/// Whom the daemon tells that a session has ended or cannot go on: at least one of them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notify {
+    /// File of the address that takes JSON.
+    pub webhook_file: Option<PathBuf>,
+    /// File of the address of an ntfy topic.
+    pub ntfy_file: Option<PathBuf>,
+    /// E-mail address.
+    pub mail_to: Option<String>,
+    /// The program that takes e-mail.
+    pub sendmail: PathBuf,
 }
 
 /// Which simulated object stands in the rig.

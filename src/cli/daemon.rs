@@ -1,6 +1,8 @@
 //! The daemon put together: devices, store, engine and HTTP of one rig, in this process; before a simulated rig an operator as well.
 
+pub(super) mod notify;
 mod operator;
+mod secret;
 mod supervisor;
 mod tokens;
 
@@ -13,6 +15,7 @@ use crate::devices::inspect::{self, Host};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use crate::http::{self, HttpState, Tokens};
+use crate::notify::{Notifier, Patience};
 use crate::session::bench::{OpenArm, OpenCamera, Remedy};
 use crate::session::engine::{self, EngineParts};
 use crate::session::handle::EngineHandle;
@@ -22,6 +25,7 @@ use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::SharedPose;
 use crate::store::Store;
 use anyhow::Context;
+use jiff::Timestamp;
 use operator::Operator;
 use rig_config::{ArmDriver, CameraDriver, Rig};
 use std::net::{SocketAddr, TcpListener as StdListener};
@@ -40,6 +44,7 @@ pub struct Daemon {
     /// Where it listens: `http://127.0.0.1:PORT`.
     pub url: String,
     engine: EngineHandle,
+    notifier: Notifier,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -50,7 +55,7 @@ impl Daemon {
     ///
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken, or one beyond loopback
-    /// without tokens.
+    /// without tokens, nobody at the other end of `[notify]`.
     pub async fn start(rig: Rig, rig_text: String, handed: Option<StdListener>) -> anyhow::Result<Self> {
         let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
         if let Some(missing) = missing_drivers(&rig) {
@@ -68,20 +73,23 @@ impl Daemon {
             speed,
         };
         let tokens = tokens::load(&rig.server)?;
+        let (targets, since) = (notify::targets(&rig).map_err(bad_input)?, Timestamp::now());
         let listener = listener(handed, rig.server.listen, &tokens).await?;
         let url = format!("http://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
         operator.serve(engine.clone());
+        let notifier = Notifier::start(engine.clone(), &rig.name, targets, since, Patience::default())?;
         let shutdown = CancellationToken::new();
         let state = HttpState {
             engine: engine.clone(),
             rig: Arc::new(rig),
             tokens: Arc::new(tokens),
+            notifications: notifier.counts(),
             shutdown: shutdown.clone(),
         };
         let http = tokio::spawn(http::serve(listener, state));
         supervisor::started(&url, &engine);
-        Ok(Self { url, engine, shutdown, http })
+        Ok(Self { url, engine, notifier, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
@@ -92,7 +100,10 @@ impl Daemon {
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
         // Whatever became of HTTP: the lamp comes first.
-        clean_up.await?.context("clean-up at the end")?;
+        let cleaned = clean_up.await?;
+        let notifier = self.notifier;
+        tokio::task::spawn_blocking(move || notifier.end()).await?;
+        cleaned.context("clean-up at the end")?;
         if let Ok(ended) = http {
             ended??;
         }

@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod error;
 pub mod fit;
 pub mod merge;
+pub mod notify;
 pub mod queue;
 pub mod relight;
 pub mod safe;

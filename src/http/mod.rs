@@ -19,6 +19,7 @@ mod sessions;
 pub use auth::{TokenError, Tokens, is_token};
 pub use problem::Problem;
 
+use crate::notify::Count;
 use crate::session::handle::EngineHandle;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -40,6 +41,8 @@ pub struct HttpState {
     pub rig: Arc<Rig>,
     /// Who may ask.
     pub tokens: Arc<Tokens>,
+    /// What became of the messages of `[notify]`.
+    pub notifications: Arc<[Arc<Count>]>,
     /// Cancelled when the daemon ends: open event streams end with it.
     pub shutdown: CancellationToken,
 }

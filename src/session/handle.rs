@@ -1,6 +1,7 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
 mod calibration;
+mod notice;
 mod queue;
 
 use super::book::{Book, Entry, Inner};

@@ -60,6 +60,7 @@ pub fn rig() -> Rig {
         },
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
         server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
+        notify: None,
         simulation: None,
         calibration: None,
     }
