@@ -12,6 +12,7 @@ pub use super::calibration::progress::{CalibrationSnapshot, Verdict};
 pub use super::calibration::settle::SettleFile;
 pub use super::calibration::step::Step;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
+use super::preflight;
 use super::processing::read_json;
 pub use super::queue::QueueRequest;
 pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
@@ -206,6 +207,7 @@ impl EngineHandle {
         let mut plan = CapturePlan::new(&self.rig, request)?;
         let text = self.use_calibration(inner, request, &mut plan)?;
         plan.warnings.extend(self.settle_warning(inner));
+        plan.warnings.extend(preflight::of_machine(&self.rig, &plan, inner));
         if plan.exposures.len() < self.least_exposures {
             let (found, least) = (plan.exposures.len(), self.least_exposures);
             let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");

@@ -111,7 +111,7 @@ impl Ledger {
                 self.developed.extend(station());
                 self.snapshot.stations_developed = self.developed.len();
             }
-            Some("calibration.doubted") => {
+            Some("calibration.doubted" | "session.doubted") => {
                 let warnings = record["warnings"].as_array().into_iter().flatten();
                 for warning in warnings.filter_map(Value::as_str) {
                     // A session that was taken up again is told the same once more.

@@ -9,6 +9,7 @@ pub mod engine;
 pub mod handle;
 mod ledger;
 pub mod plan;
+pub mod preflight;
 pub mod processing;
 pub mod quality;
 pub mod queue;

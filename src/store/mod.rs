@@ -28,6 +28,7 @@ pub mod frames;
 pub mod journal;
 pub mod keep;
 pub mod manifest;
+pub mod memory;
 pub mod result;
 pub mod sessions;
 

@@ -74,6 +74,7 @@ fn examine(host: &Host, rig: &Rig) -> anyhow::Result<Vec<Finding>> {
         }
     }
     findings.push(data::room(host, rig, &RealDisk));
+    findings.extend(data::memory(host, rig));
     findings.extend(daemon_there);
     findings.push(clock::look(host, jiff::Timestamp::now()));
     if let Err(reason) = daemon::notify::targets(rig) {
