@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, notify, queue, relight, safe, serve, session, simulate, study,
+    bench, calibrate, config, demo, doctor, error, fit, merge, notify, queue, relight, retention, safe, serve, session, simulate, study,
     verify,
 };
 use std::io::IsTerminal;
@@ -27,6 +27,7 @@ enum Command {
     Relight(relight::Args),
     Merge(merge::Args),
     Verify(verify::Args),
+    Retention(retention::Args),
     /// Calibrate the rig of a running daemon, or from photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
@@ -75,6 +76,7 @@ fn main() -> ExitCode {
         Command::Relight(args) => relight::run(&args),
         Command::Merge(args) => merge::run(args),
         Command::Verify(args) => verify::run(&args),
+        Command::Retention(args) => retention::run(&args),
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Doctor(args) => doctor::run(&args),

@@ -178,6 +178,7 @@ impl RawRig {
                 data: storage.data,
                 reserve_bytes: storage.reserve_bytes,
                 resume_at_start: storage.resume_at_start,
+                keep_days: storage.keep_days,
             },
             server: Server {
                 listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,

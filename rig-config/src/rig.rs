@@ -260,6 +260,8 @@ pub struct Storage {
     pub reserve_bytes: u64,
     /// A session that the daemon's end interrupted goes on at its next start.
     pub resume_at_start: bool,
+    /// Days after which a completed and verified session is removed; none: never.
+    pub keep_days: Option<f64>,
 }
 
 /// Where the daemon listens.

@@ -11,6 +11,7 @@ pub mod merge;
 pub mod notify;
 pub mod queue;
 pub mod relight;
+pub mod retention;
 pub mod safe;
 pub mod serve;
 pub mod session;

@@ -14,6 +14,7 @@ pub mod processing;
 pub mod quality;
 pub mod queue;
 mod refit;
+pub mod retention;
 mod room;
 pub mod state;
 pub mod verify;

@@ -58,7 +58,7 @@ pub fn rig() -> Rig {
             objective: "noise".into(),
             cosine_cutoff: 0.15,
         },
-        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true },
+        storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true, keep_days: None },
         server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
         notify: None,
         simulation: None,

@@ -18,6 +18,10 @@ pub(crate) struct RawStorage {
     /// A session that the daemon's end interrupted goes on at its next start; false leaves it for an operator's resume.
     #[serde(default = "default_resume")]
     pub resume_at_start: bool,
+    /// A completed session is removed so many days after its end, if `rigd verify` has found it sound as it stands; kept for ever if left
+    /// out.
+    #[schemars(range(max = 100_000), extend("exclusiveMinimum" = 0))]
+    pub keep_days: Option<f64>,
 }
 
 fn default_resume() -> bool {
