@@ -2,10 +2,9 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, notify, queue, relight, retention, safe, serve, session, simulate, study,
-    verify,
+    bench, calibrate, config, demo, doctor, error, fit, logging, merge, notify, queue, relight, retention, safe, serve,
+    session, simulate, study, verify,
 };
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -51,21 +50,8 @@ enum Simulate {
     Camera(simulate::camera::Args),
 }
 
-/// At its finest the HTTP client logs whole addresses, and those of notifications hold secrets.
-const QUIET: [&str; 2] = ["ureq=warn", "ureq_proto=warn"];
-
 fn main() -> ExitCode {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("RIGD_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    let filter = QUIET.iter().filter_map(|quiet| quiet.parse().ok()).fold(filter, |all, quiet| all.add_directive(quiet));
-    tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
-        // In a file or the journal, colours are noise.
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_env_filter(filter)
-        // A closed stderr must not become a panic of whoever logs.
-        .log_internal_errors(false)
-        .init();
+    logging::start();
     error::exit_code(match Cli::parse().command {
         Command::Session(args) => session::run(&args),
         Command::Queue(args) => queue::run(args),

@@ -41,7 +41,8 @@ fn rigd(command: &str, arguments: &[&Path]) -> (Option<i32>, String) {
 /// The shipped rig file with a time to keep sessions.
 fn rig_file(folder: &Path, keep_days: &str) -> std::path::PathBuf {
     let (_, text) = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap();
-    let (path, edited) = (folder.join("rig.toml"), text.replace("# keep_days = 90", &format!("keep_days = {keep_days}")));
+    let (path, edited) =
+        (folder.join("rig.toml"), text.replace("# keep_days = 90", &format!("keep_days = {keep_days}")));
     assert_ne!(*text, edited);
     std::fs::write(&path, edited).unwrap();
     path
@@ -108,9 +109,9 @@ fn names(data: &Path) -> Vec<String> {
 }
 
 /// A completed session on a disk that loses power.
-fn session_on(root: &Path, forgets: Forgets) -> (PowerDisk, String) {
+fn session_on(root: &Path) -> (PowerDisk, String) {
     let (fakes, rig) = (Fakes::default(), power::lives::rig());
-    let disk = Arc::new(PowerDisk::new(root, forgets, Arc::new(Turns::new(0, rig.plan.exposures.len(), None))));
+    let disk = Arc::new(PowerDisk::new(root, |_| false, Arc::new(Turns::new(0, rig.plan.exposures.len(), None))));
     let store = Store::open_on(&root.join("data"), 0, disk.clone()).unwrap();
     let engine = rigd::session::engine::start(fakes.parts(store, rig, "")).unwrap();
     let id = completed(&engine);
@@ -121,12 +122,12 @@ fn session_on(root: &Path, forgets: Forgets) -> (PowerDisk, String) {
 
 /// Removes the session on copies of the disk whose power goes at every operation of it; how often the session was found in part.
 fn parts_left(folder: &Path, forgets: Forgets) -> usize {
-    let (base, id) = session_on(&folder.join("disk"), forgets);
+    let (base, id) = session_on(&folder.join("disk"));
     let (mut parts, mut whole, mut gone) = (0, 0, 0);
     for seed in 0..60 {
         let mut random = StdRng::seed_from_u64(seed);
         let (at, after) = (folder.join(format!("{seed}")), folder.join(format!("{seed}-after")));
-        let disk = Arc::new(base.image(&mut random, &at));
+        let disk = Arc::new(base.image(&mut random, &at).forgetting(forgets));
         let store = Store::open_on(&at.join("data"), 0, disk.clone()).unwrap();
         disk.arm(Some(seed % 4), seed % 8 < 4);
         let grave = store.take_out(&at.join("data/sessions").join(&id));
@@ -137,7 +138,8 @@ fn parts_left(folder: &Path, forgets: Forgets) -> usize {
         let data = after.join("data");
         let store = Store::open(&data, 0).unwrap();
         let (found, unreadable) = store.runs().unwrap();
-        let sound = |run: &rigd::store::sessions::Found| verify(&run.directory).is_ok_and(|found| found.faults.is_empty());
+        let sound =
+            |run: &rigd::store::sessions::Found| verify(&run.directory).is_ok_and(|found| found.faults.is_empty());
         match found.first() {
             _ if !unreadable.is_empty() => parts += 1,
             Some(run) if sound(run) => whole += 1,

@@ -7,6 +7,7 @@ pub mod demo;
 pub mod doctor;
 pub mod error;
 pub mod fit;
+pub mod logging;
 pub mod merge;
 pub mod notify;
 pub mod queue;
