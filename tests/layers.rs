@@ -18,7 +18,7 @@ struct Rule {
     never: &'static [&'static str],
 }
 
-const AXUM: &[&str] = &["axum", "hyper", "hyper_util", "utoipa_axum", "tower_http"];
+const AXUM: &[&str] = &["axum", "hyper", "hyper_util", "tokio_rustls", "utoipa_axum", "tower_http"];
 const OUTSIDE_WORLD: &[&str] =
     &["std::env", "std::fs", "std::io", "std::net", "std::os", "std::path", "std::process", "std::time"];
 /// The only packages that numerics may use; thiserror only words its errors.

@@ -263,6 +263,11 @@ fn sphere_in_view(view: &View, found: &mut Found) {
 }
 
 fn listen(view: &View, found: &mut Found) {
+    for (key, other) in [("server.certificate", "server.key"), ("server.key", "server.certificate")] {
+        if view.raw(key).is_some() && view.raw(other).is_none() {
+            found.refuse(other, format!("missing: {key} needs it"));
+        }
+    }
     let Some(text) = view.text("server.listen") else { return };
     match text.parse::<SocketAddr>() {
         Err(_) => {

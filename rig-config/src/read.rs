@@ -105,7 +105,8 @@ fn syntax(text: &str, error: &toml::de::Error) -> Reason {
 
 impl RawRig {
     fn into_rig(self) -> Result<Rig, String> {
-        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, notify, simulation } = self;
+        let Self { name, arm, lamp, camera, object, plan, fit, calibration, storage, server, notify, simulation } =
+            self;
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
@@ -183,6 +184,7 @@ impl RawRig {
             server: Server {
                 listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,
                 tokens: server.tokens,
+                tls: server.certificate.zip(server.key).map(|(certificate, key)| TlsFiles { certificate, key }),
             },
             notify: notify.map(|n| Notify {
                 webhook_file: n.webhook_file,

@@ -271,6 +271,17 @@ pub struct Server {
     pub listen: std::net::SocketAddr,
     /// File of the tokens that clients need; none: no token is needed.
     pub tokens: Option<PathBuf>,
+    /// What TLS is spoken with; none: plain HTTP.
+    pub tls: Option<TlsFiles>,
+}
+
+/// PEM files of the server.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TlsFiles {
+    /// The certificate, those that vouch for it after it.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
 }
 
 /// Whom the daemon tells that a session has ended or cannot go on: at least one of them.

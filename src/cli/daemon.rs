@@ -4,6 +4,7 @@ pub(super) mod notify;
 mod operator;
 mod secret;
 mod supervisor;
+pub(super) mod tls;
 mod tokens;
 
 use super::error::bad_input;
@@ -27,8 +28,8 @@ use crate::store::Store;
 use anyhow::Context;
 use jiff::Timestamp;
 use operator::Operator;
-use rig_config::{ArmDriver, CameraDriver, Rig};
-use std::net::{SocketAddr, TcpListener as StdListener};
+use rig_config::{ArmDriver, CameraDriver, Rig, Server};
+use std::net::TcpListener as StdListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,7 +42,7 @@ const HTTP_GRACE: Duration = Duration::from_secs(5);
 
 /// A running daemon.
 pub struct Daemon {
-    /// Where it listens: `http://127.0.0.1:PORT`.
+    /// Where it listens: `http://127.0.0.1:PORT`, https with a certificate.
     pub url: String,
     engine: EngineHandle,
     notifier: Notifier,
@@ -74,8 +75,10 @@ impl Daemon {
         };
         let tokens = tokens::load(&rig.server)?;
         let (targets, since) = (notify::targets(&rig).map_err(bad_input)?, Timestamp::now());
-        let listener = listener(handed, rig.server.listen, &tokens).await?;
-        let url = format!("http://{}", listener.local_addr()?);
+        let tls = tls::load(&rig.server).map_err(bad_input)?;
+        let listener = listener(handed, &rig.server, &tokens).await?;
+        let scheme = if tls.is_some() { "https" } else { "http" };
+        let url = format!("{scheme}://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
         operator.serve(engine.clone());
         let notifier = Notifier::start(engine.clone(), &rig.name, targets, since, Patience::default())?;
@@ -87,7 +90,7 @@ impl Daemon {
             notifications: notifier.counts(),
             shutdown: shutdown.clone(),
         };
-        let http = tokio::spawn(http::serve(listener, state));
+        let http = tokio::spawn(http::serve(listener, tls, state));
         supervisor::started(&url, &engine);
         Ok(Self { url, engine, notifier, shutdown, http })
     }
@@ -111,7 +114,8 @@ impl Daemon {
     }
 }
 
-async fn listener(handed: Option<StdListener>, listen: SocketAddr, tokens: &Tokens) -> anyhow::Result<TcpListener> {
+async fn listener(handed: Option<StdListener>, server: &Server, tokens: &Tokens) -> anyhow::Result<TcpListener> {
+    let listen = server.listen;
     let listener = match handed {
         Some(handed) => {
             handed.set_nonblocking(true)?;
@@ -126,8 +130,8 @@ async fn listener(handed: Option<StdListener>, listen: SocketAddr, tokens: &Toke
     };
     let address = listener.local_addr()?;
     http::may_serve(address.ip(), tokens).map_err(bad_input)?;
-    if !address.ip().is_loopback() {
-        tracing::warn!(%address, "tokens cross the network unencrypted: better listen on loopback, behind a proxy with TLS");
+    if !address.ip().is_loopback() && server.tls.is_none() {
+        tracing::warn!(%address, "tokens cross the network unencrypted: name server.certificate, or listen on loopback behind a proxy with TLS");
     }
     Ok(listener)
 }

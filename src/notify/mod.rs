@@ -8,7 +8,7 @@ mod target;
 mod watch;
 
 pub use message::{Message, What};
-pub use target::Target;
+pub use target::{Target, trusting};
 
 use crate::session::handle::EngineHandle;
 use jiff::Timestamp;

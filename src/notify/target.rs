@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+use ureq::config::ConfigBuilder;
 use ureq::http::Uri;
+use ureq::typestate::AgentScope;
 use ureq::{Agent, Error};
 
 /// How often a program is looked at that has not ended.
@@ -73,6 +75,16 @@ impl Target {
     }
 }
 
+/// A client that trusts whom the system trusts (`SSL_CERT_FILE` names others), in builds with the feature `tls`.
+pub fn trusting(config: ConfigBuilder<AgentScope>) -> ConfigBuilder<AgentScope> {
+    #[cfg(feature = "tls")]
+    let config = {
+        use ureq::tls::{RootCerts, TlsConfig};
+        config.tls_config(TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build())
+    };
+    config
+}
+
 fn post(uri: &Uri, limit: Duration, headers: &[(&str, &str)], body: &[u8]) -> Result<(), String> {
     let config = Agent::config_builder()
         .http_status_as_error(false)
@@ -80,11 +92,7 @@ fn post(uri: &Uri, limit: Duration, headers: &[(&str, &str)], body: &[u8]) -> Re
         .max_redirects_will_error(false)
         .proxy(None)
         .timeout_global(Some(limit));
-    #[cfg(feature = "tls")]
-    let config = config.tls_config(
-        ureq::tls::TlsConfig::builder().root_certs(ureq::tls::RootCerts::PlatformVerifier).build(),
-    );
-    let mut request = config.build().new_agent().post(uri);
+    let mut request = trusting(config).build().new_agent().post(uri);
     for (name, value) in headers {
         request = request.header(*name, *value);
     }

@@ -59,7 +59,7 @@ pub fn rig() -> Rig {
             cosine_cutoff: 0.15,
         },
         storage: Storage { data: PathBuf::new(), reserve_bytes: 1000, resume_at_start: true, keep_days: None },
-        server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
+        server: Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None, tls: None },
         notify: None,
         simulation: None,
         calibration: None,

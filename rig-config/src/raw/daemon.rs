@@ -42,11 +42,17 @@ pub(crate) struct RawServer {
     /// File of tokens, lines of `read TOKEN` or `control TOKEN`; left out, no token is needed, and only loopback is listened on.
     #[schemars(length(min = 1, max = 4096))]
     pub tokens: Option<PathBuf>,
+    /// PEM file of the certificate, those that vouch for it after it; with it TLS is spoken and nothing else (builds with `--features tls`).
+    #[schemars(length(min = 1, max = 4096))]
+    pub certificate: Option<PathBuf>,
+    /// PEM file of its private key.
+    #[schemars(length(min = 1, max = 4096))]
+    pub key: Option<PathBuf>,
 }
 
 impl Default for RawServer {
     fn default() -> Self {
-        Self { listen: "127.0.0.1:7040".into(), tokens: None }
+        Self { listen: "127.0.0.1:7040".into(), tokens: None, certificate: None, key: None }
     }
 }
 
