@@ -300,7 +300,9 @@ mod tests {
         let shot = Shot { shutter: ShutterWish::Label("15".into()), f_number: 5.6, iso: 100, format: ImageFormat::Raw };
         assert_eq!(call, Call { number: 7, deadline_s: 62.0, request: Request::Shoot(shot) });
         assert_eq!(call.request.deadline_s(), 62.0, "a dial of 15 is 16 s");
-        assert!(serde_json::from_str::<Call>(r#"{"number": 7, "deadline_s": 1, "request": {"format": "disk"}}"#).is_err());
+        assert!(
+            serde_json::from_str::<Call>(r#"{"number": 7, "deadline_s": 1, "request": {"format": "disk"}}"#).is_err()
+        );
     }
 
     #[test]

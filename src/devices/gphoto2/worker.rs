@@ -119,7 +119,10 @@ impl Worker {
             match self.replies.recv_timeout(LOOK) {
                 Ok(Ok((Answer { number, .. }, _))) if number != self.sent => {
                     self.kill();
-                    return Err(WorkerError::Lost(format!("it answered request {number} when {} was asked", self.sent)));
+                    return Err(WorkerError::Lost(format!(
+                        "it answered request {number} when {} was asked",
+                        self.sent
+                    )));
                 }
                 Ok(Ok((Answer { reply: Reply::Failed(failure), .. }, _))) => return Err(failure.into()),
                 Ok(Ok((answer, blob))) => return Ok((answer.reply, blob)),
