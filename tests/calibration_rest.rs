@@ -4,8 +4,8 @@
 mod daemon;
 
 use daemon::Daemon;
-use rigd::store::RealDisk;
 use rigd::store::journal::Journal;
+use rigd::store::{RealClock, RealDisk};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Stdio};
@@ -206,7 +206,9 @@ fn a_damaged_result_is_a_problem_that_says_what_to_do() {
 
 /// Adds to the journal of a run that it was completed.
 fn complete(path: &std::path::Path, id: &str) {
-    let mut journal = Journal::open(path, id, true, std::sync::Arc::new(RealDisk)).unwrap();
+    let mut journal =
+        Journal::open(path, id, true, (std::sync::Arc::new(RealDisk), std::sync::Arc::new(RealClock::default())))
+            .unwrap();
     let Value::Object(fields) = json!({"state": "completed", "reason": null}) else { unreachable!() };
     journal.append("session.state", fields).unwrap();
 }

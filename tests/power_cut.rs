@@ -6,7 +6,10 @@
 mod power;
 mod support;
 
+use power::clock::VirtualClock;
+use power::course::Course;
 use power::disk::{Forgets, PowerDisk};
+use power::faults::{Chance, Counts};
 use power::lives::{Tally, live_through};
 use power::turns::Turns;
 use rand::SeedableRng;
@@ -42,7 +45,7 @@ fn cut_often(seed: u64, cuts: u64, in_turn: bool) {
             scope.spawn(|| {
                 while total.lock().unwrap().cuts < cuts && broken.lock().unwrap().is_empty() {
                     let seed = next.fetch_add(1, Ordering::SeqCst);
-                    match live_through(seed, NOTHING, in_turn) {
+                    match live_through(seed, Course::brief(), NOTHING, in_turn) {
                         Ok(tally) => {
                             let mut total = total.lock().unwrap();
                             total.cuts += tally.cuts;
@@ -73,7 +76,7 @@ fn cut_often(seed: u64, cuts: u64, in_turn: bool) {
 #[test]
 fn ten_thousand_cuts_at_random_lose_nothing() {
     match std::env::var("POWER_SEED") {
-        Ok(seed) => drop(live_through(seed.parse().unwrap(), NOTHING, true).unwrap()),
+        Ok(seed) => drop(live_through(seed.parse().unwrap(), Course::brief(), NOTHING, true).unwrap()),
         Err(_) => cut_often(0, 10_000, true),
     }
 }
@@ -91,12 +94,13 @@ fn a_million_cuts_at_random_lose_nothing() {
 }
 
 #[test]
-fn a_seed_is_the_same_cuts_at_the_same_operations() {
+fn a_seed_is_the_same_cuts_at_the_same_operations_and_the_same_journal() {
     for seed in 0..20 {
-        let trace = || live_through(seed, NOTHING, true).unwrap().trace;
-        let (first, second) = (trace(), trace());
-        let differs = first.iter().zip(&second).position(|(one, other)| one != other);
-        assert!(first.len() == second.len() && differs.is_none(), "seed {seed}: operation {differs:?}");
+        let live = || live_through(seed, Course::brief(), NOTHING, true).unwrap();
+        let (first, second) = (live(), live());
+        let differs = first.trace.iter().zip(&second.trace).position(|(one, other)| one != other);
+        assert!(first.trace.len() == second.trace.len() && differs.is_none(), "seed {seed}: operation {differs:?}");
+        assert!(first.journals == second.journals, "seed {seed}: the journals differ");
     }
 }
 
@@ -130,7 +134,9 @@ fn a_disk_that_forgets_any_one_sync_is_caught() {
         ("names in a result", |path| path.ends_with(".unfinished-result")),
     ];
     for (what, forgets) in syncs {
-        let broken = SEEDS.into_iter().find_map(|seed| live_through(seed, forgets, true).err().map(|why| (seed, why)));
+        let broken = SEEDS
+            .into_iter()
+            .find_map(|seed| live_through(seed, Course::brief(), forgets, true).err().map(|why| (seed, why)));
         let (seed, why) = broken.unwrap_or_else(|| panic!("no cut misses the sync of {what}"));
         println!("{what}: seed {seed}: {why}");
     }
@@ -170,8 +176,9 @@ fn simulated() -> Rig {
 fn what_the_pipeline_made_of_a_session_survives_a_cut_whole() {
     let (folder, fakes, rig) = (tempfile::tempdir().unwrap(), Fakes::default(), simulated());
     let turns = Arc::new(Turns::new(0, rig.plan.exposures.len(), None));
+    let (clock, chance) = (Arc::new(VirtualClock::new(0)), Arc::new(Chance::new(0, None, Counts::default())));
     let root = folder.path().join("before");
-    let disk = Arc::new(PowerDisk::new(&root, NOTHING, turns));
+    let disk = Arc::new(PowerDisk::new(&root, NOTHING, turns, clock, chance));
     let store = Store::open_on(&root.join("data"), 0, disk.clone()).unwrap();
     let (sight, of_camera) = (fakes.clone(), rig.clone());
     let engine = start(EngineParts {

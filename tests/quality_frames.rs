@@ -248,7 +248,7 @@ fn bad_frames_are_found_and_good_ones_are_not_refused() {
 
 /// `cargo test --release --test quality_frames -- --ignored --nocapture` prints the table of docs/quality.md.
 #[test]
-#[ignore = "minutes"]
+#[ignore = "minutes: cargo test --test quality_frames -- --ignored --nocapture"]
 fn ten_thousand_bad_frames_are_found() {
     prove(1001..2001, 10_000);
 }

@@ -3,7 +3,9 @@
 mod power;
 mod support;
 
+use power::clock::VirtualClock;
 use power::disk::{Forgets, PowerDisk};
+use power::faults::{Chance, Counts};
 use power::turns::Turns;
 use rand::SeedableRng;
 use rand::rngs::StdRng;
@@ -110,8 +112,10 @@ fn names(data: &Path) -> Vec<String> {
 
 /// A completed session on a disk that loses power.
 fn session_on(root: &Path) -> (PowerDisk, String) {
-    let (fakes, rig) = (Fakes::default(), power::lives::rig());
-    let disk = Arc::new(PowerDisk::new(root, |_| false, Arc::new(Turns::new(0, rig.plan.exposures.len(), None))));
+    let (fakes, rig) = (Fakes::default(), rig());
+    let turns = Arc::new(Turns::new(0, rig.plan.exposures.len(), None));
+    let (clock, chance) = (Arc::new(VirtualClock::new(0)), Arc::new(Chance::new(0, None, Counts::default())));
+    let disk = Arc::new(PowerDisk::new(root, |_| false, turns, clock, chance));
     let store = Store::open_on(&root.join("data"), 0, disk.clone()).unwrap();
     let engine = rigd::session::engine::start(fakes.parts(store, rig, "")).unwrap();
     let id = completed(&engine);

@@ -78,6 +78,28 @@ fn events_have_no_gap_and_can_be_read_from_anywhere_while_and_after_it_runs() {
     }
 }
 
+/// Longer than what is kept in memory: the rest comes from the file, while the session runs.
+#[test]
+fn early_events_of_a_long_running_session_are_read_from_its_file() {
+    let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());
+    let gate = fakes.gate_at(239);
+    let engine = fakes.engine(data.path());
+    let stations_deg = Some((0..120).map(f64::from).collect());
+    let request = StartRequest { stations_deg, ..StartRequest::default() };
+    let id = engine.start(&request, None).unwrap().snapshot.id;
+    gate.reached();
+    support::until("the stations to be developed", || engine.session(&id).unwrap().stations_developed == 119);
+    let last = engine.session(&id).unwrap().last_seq;
+    assert!(last > 2 * 256, "only {last} records");
+    for after in [0, 1, last - 257, last - 256, last - 255, last - 1, last, last + 1] {
+        let found = engine.events_after(&id, after).unwrap();
+        let numbers: Vec<u64> = found.iter().map(|event| event["seq"].as_u64().unwrap()).collect();
+        assert_eq!(numbers, (after + 1..=last).collect::<Vec<_>>(), "after {after}");
+    }
+    gate.open();
+    wait_for(&engine, &id, S::Completed);
+}
+
 #[test]
 fn one_session_at_a_time_and_only_verbs_that_make_sense() {
     let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());

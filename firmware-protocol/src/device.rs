@@ -4,8 +4,9 @@ use crate::frame::{Frame, VERSION};
 use crate::hal::{Hal, Motor};
 use crate::message::{Answer, ErrorCode, Faults, Hello, HelloAck, MAX_LAMP_PERMILLE, Request, State, Status};
 
-/// Silence of the host after which motor and lamp are switched off, milliseconds.
-pub const DEAD_MAN_MS: u32 = 3000;
+/// Silence of the host after which motor and lamp are switched off, milliseconds. Lamp out and arm at rest take less than 2 s where the
+/// motor brakes within half a second.
+pub const DEAD_MAN_MS: u32 = 1500;
 
 /// What the device knows of itself from the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

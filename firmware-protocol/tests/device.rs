@@ -179,10 +179,10 @@ fn any_frame_of_the_session_feeds_the_dead_man_and_no_other_does() {
 #[test]
 fn the_lamp_ends_with_its_own_time_while_the_host_talks() {
     let mut bench = Bench::homed();
-    bench.ask(Request::SetLamp { level_permille: 1000, ttl_ms: 5000 });
-    bench.wait(2500);
+    bench.ask(Request::SetLamp { level_permille: 1000, ttl_ms: 2000 });
+    bench.wait(1000);
     bench.status();
-    bench.wait(2499);
+    bench.wait(999);
     assert_eq!(bench.device.hal().lamp_permille, 1000);
     bench.wait(1);
     assert_eq!((bench.device.hal().lamp_permille, bench.status().lamp_permille), (0, 0));

@@ -28,7 +28,7 @@ use rig_config::Rig;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{SyncSender, TrySendError};
-use std::time::Instant;
+use std::time::Duration;
 
 /// Retakes of a bracket whose frames contradict each other.
 const BRACKETS: usize = 2;
@@ -92,8 +92,8 @@ pub struct Acquisition<'a> {
     /// The calibration in use, until the first frame was held against it.
     to_doubt: Option<CalibrationFile>,
     clock: Clock,
-    /// When the arm last reported that it stands.
-    rested: Instant,
+    /// When the arm last reported that it stands, by the book's clock.
+    rested: Duration,
     /// Time between two frames of a burst, seconds; known after the first.
     period_s: f64,
 }
@@ -116,6 +116,7 @@ impl<'a> Acquisition<'a> {
         })?;
         let calibrated = work.capture().is_some_and(|plan| plan.calibration.is_some());
         let witness = Witness::new(witness::part(rig, work.capture().is_some(), calibrated));
+        let now = book.clock.elapsed();
         Some(Self {
             id,
             rig,
@@ -133,8 +134,8 @@ impl<'a> Acquisition<'a> {
             last: None,
             rung: 0,
             to_doubt: None,
-            clock: Clock::new(spent),
-            rested: Instant::now(),
+            clock: Clock::new(spent, now),
+            rested: now,
             period_s: 0.0,
         })
     }
@@ -174,7 +175,7 @@ impl<'a> Acquisition<'a> {
     /// Proves that these stations were lit from where the arm said.
     fn prove_position(&mut self, stations: &[usize]) -> Result<(), Ended> {
         let (Some(first), Some(last)) = (stations.first(), stations.last()) else { return Ok(()) };
-        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
+        let (cancel, begin) = (self.book.cancel.clone(), self.now());
         let proved = self.bench.arm().and_then(|arm| arm.prove_position(&cancel));
         self.spend(Stage::Motion, begin);
         match proved {
@@ -205,7 +206,7 @@ impl<'a> Acquisition<'a> {
                     )));
                 }
                 Trouble::Arm(reason) => {
-                    let begin = Instant::now();
+                    let begin = self.now();
                     let recovered = self.recover(reason);
                     self.spend(Stage::Recovery, begin);
                     recovered?;
@@ -214,6 +215,7 @@ impl<'a> Acquisition<'a> {
                 Trouble::End(ended) => return Err(ended),
             }
         }
+        self.recoveries = 0;
         self.tell_budget();
         Ok(Ok(()))
     }
@@ -244,7 +246,7 @@ impl<'a> Acquisition<'a> {
             return self.burst(station, angle_deg, approach);
         }
         self.move_to(station, angle_deg)?;
-        let begin = Instant::now();
+        let begin = self.now();
         self.rest(self.rig.arm.settle_s)?;
         self.spend(Stage::Settling, begin);
         self.shoot_bracket(station, angle_deg)
@@ -252,9 +254,9 @@ impl<'a> Acquisition<'a> {
 
     /// Turns the arm; it has reported rest when this returns.
     fn move_to(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
-        let (cancel, begin) = (self.book.cancel.clone(), Instant::now());
+        let (cancel, begin) = (self.book.cancel.clone(), self.now());
         let moved = self.bench.arm().and_then(|arm| arm.move_to(angle_deg, &cancel));
-        self.rested = Instant::now();
+        self.rested = self.now();
         self.spend(Stage::Motion, begin);
         let status = moved.map_err(|e| self.arm_trouble(&e))?;
         let fields = json!({"station": station, "target_deg": angle_deg, "angle_deg": status.angle_deg});
@@ -297,7 +299,7 @@ impl<'a> Acquisition<'a> {
                 Err(TrySendError::Disconnected(_)) => return Err(Ended::Failed("the worker has ended".into())),
                 Err(TrySendError::Full(again)) => {
                     job = again;
-                    self.rest(0.1 * self.speed)?;
+                    self.wait_for_worker()?;
                 }
             }
         }

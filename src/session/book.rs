@@ -20,18 +20,23 @@ use crate::devices::Cancel;
 use crate::store::journal::Journal;
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
-use crate::store::{Store, StoreError};
+use crate::store::{Clock, Store, StoreError};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
+
+/// Records of a run that are kept in memory: whoever follows it reads these, older ones come from the file.
+const TAIL: usize = 256;
 
 /// All runs, shared.
 pub struct Book {
     inner: Mutex<Inner>,
     changed: Condvar,
     changes: watch::Sender<u64>,
+    /// The store's.
+    pub clock: Arc<dyn Clock>,
     /// Set to break off a shot or a move: by an abort and by the end of the daemon. Its beats tell that the engine does not hang.
     pub cancel: Cancel,
 }
@@ -71,7 +76,8 @@ pub struct Entry {
     /// Why the worker cannot develop it, if so.
     pub worker_fault: Option<Fault>,
     journal: Option<Journal>,
-    tail: Vec<Value>,
+    /// Its last records.
+    tail: VecDeque<Value>,
 }
 
 impl Entry {
@@ -126,6 +132,7 @@ impl Book {
     /// Reads every session of the store. Those that a crash left unfinished are cleaned and marked interrupted; their number
     /// is the second value.
     pub fn open(store: Store) -> Result<(Self, usize), StoreError> {
+        let clock = store.clock();
         let (found, unreadable) = store.runs()?;
         let queue = Queue::read(&store)?;
         for error in &unreadable {
@@ -148,7 +155,8 @@ impl Book {
         }
         let total = inner.runs.values().map(|entry| entry.ledger.snapshot.last_seq).sum();
         let (changes, _) = watch::channel(total);
-        let book = Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, cancel: Cancel::default() };
+        let book =
+            Self { inner: Mutex::new(inner), changed: Condvar::new(), changes, clock, cancel: Cancel::default() };
         Ok((book, interrupted))
     }
 
@@ -254,7 +262,7 @@ impl Inner {
         let mut ledger = Ledger::new(&manifest, &work);
         ledger.apply(&record);
         let id = manifest.id.clone();
-        let tail = vec![record];
+        let tail = VecDeque::from([record]);
         let journal = Some(journal);
         let entry = Entry { ledger, manifest, work, directory, pace, worker_fault: None, journal, tail };
         self.runs.insert(id.clone(), entry);
@@ -316,10 +324,13 @@ impl Inner {
         entry.journal = Some(journal);
         let record = record?;
         entry.ledger.apply(&record);
-        entry.tail.push(record.clone());
+        entry.tail.push_back(record.clone());
+        if entry.tail.len() > TAIL {
+            entry.tail.pop_front();
+        }
         if entry.state().is_final() {
             // From now on the file tells.
-            entry.tail = Vec::new();
+            entry.tail = VecDeque::new();
             entry.journal = None;
         }
         Ok(Some(record))
@@ -335,21 +346,19 @@ impl Inner {
         if let Err(error) = self.record(id, "session.state", fields) {
             tracing::error!(session = id, state = ?after, %error, "state not journalled");
             if let Some(entry) = self.runs.get_mut(id) {
-                let time = jiff::Timestamp::now().to_string();
+                let time = self.store.clock().now().to_string();
                 entry.ledger.apply(&json!({"type": "session.state", "state": after, "reason": reason, "time": time}));
             }
         }
         Ok(after)
     }
 
-    /// Events of the running session after a number; none when they are to be read from the file.
+    /// Events of a run after a number; none when they are to be read from the file.
     pub fn tail_after(&self, id: &str, after: u64) -> Result<Option<Vec<Value>>, EngineError> {
         let entry = self.entry(id)?;
-        if entry.tail.is_empty() {
-            return Ok(None);
-        }
-        let skip = usize::try_from(after).unwrap_or(usize::MAX).min(entry.tail.len());
-        Ok(Some(entry.tail.get(skip..).unwrap_or_default().to_vec()))
+        let before = entry.ledger.snapshot.last_seq.saturating_sub(entry.tail.len() as u64);
+        let skip = after.checked_sub(before).map(|skip| usize::try_from(skip).unwrap_or(usize::MAX));
+        Ok(skip.map(|skip| entry.tail.iter().skip(skip).cloned().collect()))
     }
 }
 

@@ -239,9 +239,9 @@ impl EngineHandle {
     fn manifest(&self, name: &str, plan: &impl Serialize) -> Result<Manifest, EngineError> {
         Ok(Manifest {
             format: 1,
-            id: uuid::Uuid::now_v7().to_string(),
+            id: self.book.clock.new_id().to_string(),
             name: name.to_owned(),
-            started: jiff::Timestamp::now().to_string(),
+            started: self.book.clock.now().to_string(),
             software: super::SOFTWARE.into(),
             simulated: self.rig.is_simulated(),
             plan: serde_json::to_value(plan).map_err(|e| EngineError::Storage(e.to_string()))?,
@@ -286,16 +286,18 @@ impl EngineHandle {
     /// Journal records of a session or calibration with a sequence number above `after`, oldest first, as JSON objects
     /// with at least `seq` (u64), `time` (RFC 3339), `type` (`session.state`, `frame.committed`, ...), `session`, `simulated`.
     pub fn events_after(&self, id: &str, after: u64) -> Result<Vec<Value>, EngineError> {
-        let (tail, directory) = {
+        let (tail, directory, last_seq) = {
             let inner = self.book.lock();
-            (inner.tail_after(id, after)?, inner.entry(id)?.directory.clone())
+            let entry = inner.entry(id)?;
+            (inner.tail_after(id, after)?, entry.directory.clone(), entry.ledger.snapshot.last_seq)
         };
         if let Some(records) = tail {
             return Ok(records);
         }
-        let records = journal::read(&directory.join(journal::FILE))?.records;
-        let skip = usize::try_from(after).unwrap_or(usize::MAX);
-        Ok(records.into_iter().skip(skip).collect())
+        // A line that is being written was not acknowledged yet.
+        let mut records = journal::read(&directory.join(journal::FILE))?.records;
+        records.retain(|record| record["seq"].as_u64().is_some_and(|seq| seq > after && seq <= last_seq));
+        Ok(records)
     }
 
     /// The frames of a session or calibration: station, exposure, file, blake3, bytes, shutter, state.

@@ -144,9 +144,6 @@ impl Ledger {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
                 self.snapshot.ended = None;
-                // The response that the first station gave went with the daemon: all are developed through one.
-                self.developed.clear();
-                self.snapshot.stations_developed = 0;
             }
             self.resumes = record["resumes"] == true;
             self.snapshot.state = state;
@@ -169,6 +166,13 @@ impl Ledger {
         }
         self.frames.insert((station, frame.exposure), frame);
         self.snapshot.frames_committed = self.frames.len();
+        self.outdate(station);
+    }
+
+    /// Radiance of frames that no longer count does not count; all stations are developed through the response of the first.
+    fn outdate(&mut self, station: usize) {
+        self.developed.retain(|&developed| station > 0 && developed != station);
+        self.snapshot.stations_developed = self.developed.len();
     }
 
     /// A committed frame whose file is no longer what it was does not count.
@@ -177,6 +181,7 @@ impl Ledger {
             self.frames.iter().filter(|(_, f)| record["file"] == f.file).map(|(&cell, _)| cell).collect();
         for cell in lost {
             self.superseded.extend(self.frames.remove(&cell));
+            self.outdate(cell.0);
         }
         self.snapshot.frames_committed = self.frames.len();
     }

@@ -32,18 +32,12 @@ pub struct Machine {
     pub now: Timestamp,
 }
 
-impl Machine {
-    /// The computer this runs on.
-    pub fn this() -> Self {
-        Self { memory_bytes: memory::available(Path::new("/proc")).ok(), now: Timestamp::now() }
-    }
-}
-
 /// What speaks against shooting `plan` now, on this computer, after what there is already.
 pub(super) fn of_machine(rig: &Rig, plan: &CapturePlan, inner: &Inner) -> Vec<String> {
     // By id, so the one that the latest clock started.
     let last = inner.runs.values().next_back().and_then(|entry| entry.manifest.started.parse().ok());
-    warnings(rig, plan, &Machine::this(), last)
+    let machine = Machine { memory_bytes: memory::available(Path::new("/proc")).ok(), now: inner.store.clock().now() };
+    warnings(rig, plan, &machine, last)
 }
 
 /// What speaks against shooting `plan` on such a computer, where the last run was started at `last`.

@@ -51,7 +51,7 @@ fn remove_what_may_go(book: &Book, keep_days: f64) {
         sessions.map(|entry| (entry.ledger.snapshot.clone(), entry.directory.clone())).collect()
     };
     for (session, directory) in sessions {
-        if may_go(&session, &directory, keep_days, Timestamp::now()).is_ok() {
+        if may_go(&session, &directory, keep_days, book.clock.now()).is_ok() {
             remove(book, &session);
         }
     }

@@ -22,7 +22,7 @@ pub fn wait_for(book: &Book, id: &str, writer: &FrameWriter, bytes: u64, reason:
     let recheck = Duration::try_from_secs_f64(RECHECK_S / speed).unwrap_or(LONG);
     let suspended = |inner: &Inner| inner.entry(id).map(Entry::state) == Ok(SessionState::Suspended);
     let go_on = |inner: &mut Inner| (inner.shutdown || !suspended(inner)).then_some(());
-    while book.wait(recheck, go_on).is_none() {
+    while book.wait(book.clock.rest(recheck), go_on).is_none() {
         if writer.check_space(bytes).is_ok() {
             let _ = book.happen(id, Event::ConditionBack, None);
             book.note(id, "fault.cleared", json!({"device": "disk"}));

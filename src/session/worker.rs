@@ -15,7 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Jobs that may wait: beyond it the engine waits too, so that frames never pile up unseen.
 const QUEUE: usize = 2;
@@ -126,9 +126,10 @@ impl Worker {
     }
 
     fn develop(&mut self, session: &str, station: usize) -> Result<(), Fault> {
-        let start = Instant::now();
+        let start = self.book.clock.elapsed();
         let exposures = self.radiance(session, station).map_err(|reason| self.fault(session, &reason))?;
-        let fields = json!({"station": station, "seconds": start.elapsed().as_secs_f64(), "exposures": exposures});
+        let seconds = self.book.clock.elapsed().saturating_sub(start).as_secs_f64();
+        let fields = json!({"station": station, "seconds": seconds, "exposures": exposures});
         self.book.record(session, "station.developed", fields).map_err(Self::unrecorded)
     }
 
@@ -188,10 +189,11 @@ impl Worker {
                 self.develop(session, station).map_err(|fault| fault.reason)?;
             }
         }
-        let (book, mut last) = (Arc::clone(&self.book), None::<Instant>);
+        let (book, mut last) = (Arc::clone(&self.book), None::<Duration>);
         let mut progress = |at: FitProgress| {
-            if last.is_none_or(|last| last.elapsed() >= PROGRESS_EVERY) {
-                last = Some(Instant::now());
+            let now = book.clock.elapsed();
+            if last.is_none_or(|last| now.saturating_sub(last) >= PROGRESS_EVERY) {
+                last = Some(now);
                 book.note(session, "fit.progress", json!({"iteration": at.iteration, "cost": at.cost}));
             }
             if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -4,7 +4,7 @@
 //! `append` has returned: the line is then on disk. A last line that a crash left half written never counted and is cut.
 
 use super::files::check_regular;
-use super::{Disk, StoreError, io_error, sync_directory};
+use super::{Clock, Disk, StoreError, io_error, sync_directory};
 use serde_json::{Map, Value, json};
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
@@ -13,11 +13,15 @@ use std::sync::Arc;
 /// File name in the session directory.
 pub const FILE: &str = "journal.jsonl";
 
+/// What a journal is written on and timed by.
+pub type Machine = (Arc<dyn Disk>, Arc<dyn Clock>);
+
 /// A journal open for writing.
 pub struct Journal {
     path: PathBuf,
     file: File,
     disk: Arc<dyn Disk>,
+    clock: Arc<dyn Clock>,
     session: String,
     simulated: bool,
     seq: u64,
@@ -97,17 +101,17 @@ fn hash(line: &[u8]) -> String {
 
 impl Journal {
     /// Starts the journal of a new session.
-    pub fn create(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+    pub fn create(path: &Path, session: &str, simulated: bool, (disk, clock): Machine) -> Result<Self, StoreError> {
         let file = disk.create(path).map_err(|e| io_error("create", path, &e))?;
         if let Some(directory) = path.parent() {
             sync_directory(disk.as_ref(), directory)?;
         }
         let (path, session) = (path.to_path_buf(), session.to_owned());
-        Ok(Self { path, file, disk, session, simulated, seq: 0, prev: None, length: 0, unusable: None })
+        Ok(Self { path, file, disk, clock, session, simulated, seq: 0, prev: None, length: 0, unusable: None })
     }
 
     /// Opens the journal of an earlier session: cuts a torn last line, refuses a broken chain.
-    pub fn open(path: &Path, session: &str, simulated: bool, disk: Arc<dyn Disk>) -> Result<Self, StoreError> {
+    pub fn open(path: &Path, session: &str, simulated: bool, (disk, clock): Machine) -> Result<Self, StoreError> {
         let bytes = bytes_of(path)?;
         let read = parse(&bytes);
         let path = path.to_path_buf();
@@ -122,7 +126,7 @@ impl Journal {
         let prev = good.split(|&b| b == b'\n').rfind(|line| !line.is_empty()).map(hash);
         let seq = read.records.len() as u64;
         let session = session.to_owned();
-        Ok(Self { path, file, disk, session, simulated, seq, prev, length: read.length, unusable: None })
+        Ok(Self { path, file, disk, clock, session, simulated, seq, prev, length: read.length, unusable: None })
     }
 
     /// Tells the journal the new name of its directory, for messages.
@@ -137,7 +141,7 @@ impl Journal {
         }
         let mut record = fields;
         record.insert("seq".into(), json!(self.seq + 1));
-        record.insert("time".into(), json!(jiff::Timestamp::now().to_string()));
+        record.insert("time".into(), json!(self.clock.now().to_string()));
         record.insert("type".into(), json!(kind));
         record.insert("session".into(), json!(self.session));
         record.insert("simulated".into(), json!(self.simulated));
@@ -181,11 +185,15 @@ impl Journal {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::store::RealDisk;
+    use crate::store::{RealClock, RealDisk};
+
+    fn machine() -> Machine {
+        (Arc::new(RealDisk), Arc::new(RealClock::default()))
+    }
 
     fn written(directory: &Path, records: usize) -> PathBuf {
         let path = directory.join("journal.jsonl");
-        let mut journal = Journal::create(&path, "s", true, Arc::new(RealDisk)).unwrap();
+        let mut journal = Journal::create(&path, "s", true, machine()).unwrap();
         for i in 0..records {
             journal.append("test", json!({ "i": i }).as_object().unwrap().clone()).unwrap();
         }
@@ -215,7 +223,7 @@ mod tests {
         for length in 0..=whole.len() {
             std::fs::write(&path, &whole[..length]).unwrap();
             let kept = whole[..length].iter().filter(|&&b| b == b'\n').count();
-            let opened = Journal::open(&path, "s", true, Arc::new(RealDisk));
+            let opened = Journal::open(&path, "s", true, machine());
             if kept == 0 {
                 // No session has its name before its first record is whole.
                 assert!(matches!(opened, Err(StoreError::Corrupt { .. })), "cut at {length}");
@@ -241,7 +249,7 @@ mod tests {
             std::fs::write(&path, bad).unwrap();
             let fault = read(&path).unwrap().fault.unwrap();
             assert!(fault.starts_with(line), "{fault}");
-            assert!(matches!(Journal::open(&path, "s", true, Arc::new(RealDisk)), Err(StoreError::Corrupt { .. })));
+            assert!(matches!(Journal::open(&path, "s", true, machine()), Err(StoreError::Corrupt { .. })));
         }
     }
 }

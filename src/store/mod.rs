@@ -21,6 +21,7 @@
 //! Invariants, checked by `tests/store_crash.rs` for a kill at every step and by `tests/power_cut.rs` for a power cut at any: every
 //! journalled frame has a file of that size and hash; every frame in `frames/` is journalled or is set aside at the next start; a frame is
 //! never overwritten; what the journal calls developed or fitted is whole on disk (docs/durability.md).
+pub mod clock;
 pub mod dataset;
 pub mod disk;
 pub mod exr;
@@ -34,6 +35,7 @@ pub mod result;
 pub mod sessions;
 pub mod verified;
 
+pub use clock::{Clock, RealClock};
 pub use disk::{Disk, Existing, RealDisk};
 pub use sessions::Store;
 

@@ -3,8 +3,8 @@
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
 use super::{
-    Disk, Existing, RealDisk, StoreError, frames, io_error, make_directories, remove_if_there, replace, sync_directory,
-    write_synced,
+    Clock, Disk, Existing, RealClock, RealDisk, StoreError, frames, io_error, make_directories, remove_if_there,
+    replace, sync_directory, write_synced,
 };
 use serde_json::{Map, Value};
 use std::fs::{File, TryLockError};
@@ -23,6 +23,7 @@ pub struct Store {
     directory: PathBuf,
     reserve_bytes: u64,
     disk: Arc<dyn Disk>,
+    clock: Arc<dyn Clock>,
     lock: Option<File>,
 }
 
@@ -54,7 +55,18 @@ impl Store {
             TryLockError::WouldBlock => StoreError::Locked { path: path.display().to_string() },
             TryLockError::Error(error) => io_error("lock", &path, &error),
         })?;
-        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, lock: Some(lock) })
+        let clock = Arc::new(RealClock::default());
+        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, clock, lock: Some(lock) })
+    }
+
+    /// The same with another clock than the machine's.
+    pub fn with_clock(self, clock: Arc<dyn Clock>) -> Self {
+        Self { clock, ..self }
+    }
+
+    /// The clock that times its records.
+    pub fn clock(&self) -> Arc<dyn Clock> {
+        Arc::clone(&self.clock)
     }
 
     /// Lets another daemon open the directory. Called once nothing writes any more; what is on disk can still be read.
@@ -133,7 +145,7 @@ impl Store {
             write_synced(self.disk.as_ref(), &unfinished.join(name), bytes)?;
         }
         let path = unfinished.join(journal::FILE);
-        let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, self.disk())?;
+        let mut journal = Journal::create(&path, &manifest.id, manifest.simulated, (self.disk(), self.clock()))?;
         let record = journal.append(kind, fields)?;
         self.disk.rename(&unfinished, &last, Existing::Kept).map_err(|e| io_error("name", &last, &e))?;
         journal.moved_to(&last);
@@ -188,7 +200,7 @@ impl Store {
 
     /// Opens a session's journal for more records.
     pub fn open_journal(&self, directory: &Path, manifest: &Manifest) -> Result<Journal, StoreError> {
-        Journal::open(&directory.join(journal::FILE), &manifest.id, manifest.simulated, self.disk())
+        Journal::open(&directory.join(journal::FILE), &manifest.id, manifest.simulated, (self.disk(), self.clock()))
     }
 
     /// Sets aside what a crash left in `frames/` and the journal does not know; returns the names.

@@ -146,9 +146,15 @@ impl Daemon {
 pub fn serve(folder: &Path, config: &str, data: &Path) -> Command {
     let file = folder.join("rig.toml");
     std::fs::write(&file, config).unwrap();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rigd"));
+    let mut command = Command::new(program());
     command.arg("serve").arg("--config").arg(&file).arg("--data").arg(data);
     command
+}
+
+/// The daemon's program; for the tests of another package the one that lies where theirs do.
+pub fn program() -> PathBuf {
+    let beside = || std::env::current_exe().unwrap().parent().unwrap().with_file_name("rigd");
+    option_env!("CARGO_BIN_EXE_rigd").map_or_else(beside, PathBuf::from)
 }
 
 /// Text of the shipped simulated rig.

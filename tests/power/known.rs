@@ -42,6 +42,7 @@ impl Told {
             match record["type"].as_str().unwrap() {
                 "frame.committed" => {
                     let (station, exposure) = cell(record);
+                    told.developed.retain(|&developed| station > 0 && developed != station);
                     told.frames.retain(|at, old| at.0 != station || old["bracket"] == record["bracket"]);
                     told.frames.insert((station, exposure), record.clone());
                 }
@@ -59,6 +60,14 @@ impl Told {
         let exposures = rig.plan.exposures.len();
         let whole = |station: &usize| self.frames.keys().filter(|cell| cell.0 == *station as u64).count() == exposures;
         (0..rig.plan.stations_deg.len()).filter(whole).collect()
+    }
+
+    /// Stations that the worker is given when the session is taken up: those that are not developed, after the first for its response.
+    pub fn waiting(&self, rig: &Rig) -> usize {
+        let whole = self.whole(rig);
+        let undeveloped = whole.iter().filter(|&&station| !self.developed.contains(&(station as u64))).count();
+        let anything_left = undeveloped > 0 || whole.len() < rig.plan.stations_deg.len();
+        undeveloped + usize::from(anything_left && whole.contains(&0) && self.developed.contains(&0))
     }
 }
 

@@ -1,30 +1,27 @@
 //! A session that loses its power again and again, each time found on one of the disks that are possible then, until it is completed.
 
+use super::clock::VirtualClock;
+use super::course::Course;
 use super::disk::{Forgets, PowerDisk};
+use super::faults::{self, Chance, Counts};
 use super::known::{Known, Told};
+use super::paced::{PacedArm, PacedCamera};
 use super::processing::Keeping;
 use super::turns::Turns;
-use crate::support::{self, Fakes};
+use crate::support::{Fakes, PARK};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use rig_config::Rig;
-use rigd::devices::Cancel;
-use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
 use rigd::session::engine::{EngineParts, start};
-use rigd::session::handle::{EngineHandle, FitRequest};
+use rigd::session::handle::{EngineError, EngineHandle, FitRequest};
 use rigd::session::state::{SessionState as S, Verb};
 use rigd::session::verify::verify;
-use rigd::store::Store;
+use rigd::store::{Clock, Store, journal};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
-
-/// Operations of the disk within which the power goes: about as many as half a session takes.
-const SPAN: u64 = 70;
-/// After so many cuts the power stays, so that every session ends.
-const MOST_CUTS: usize = 30;
+use tempfile::TempDir;
 
 /// What a session lived through.
 #[derive(Debug, Default)]
@@ -35,56 +32,72 @@ pub struct Tally {
     pub repeated: u64,
     /// Every operation of the disk, in order.
     pub trace: Vec<String>,
-}
-
-/// The fake rig, without waits.
-pub fn rig() -> Rig {
-    let mut rig = support::rig();
-    (rig.lamp.soak_s, rig.arm.settle_s) = (0.0, 0.0);
-    rig
+    /// The journal as it was at the end of each life.
+    pub journals: Vec<Vec<u8>>,
+    /// Faults of the devices, by name.
+    pub faults: Counts,
+    /// Time it took, seconds of the simulation.
+    pub seconds: f64,
 }
 
 /// One session from its start to its end, through as many cuts as `seed` says. `in_turn`: the seed also says when the worker develops;
 /// otherwise the threads' chance does. The error is a promise that was broken.
-pub fn live_through(seed: u64, forgets: Forgets, in_turn: bool) -> Result<Tally, String> {
-    let folder = tempfile::tempdir_in(fast()).unwrap();
+pub fn live_through(seed: u64, course: Course, forgets: Forgets, in_turn: bool) -> Result<Tally, String> {
+    let folder = folder(seed);
+    let tally = Tally::default();
+    let chance = Arc::new(Chance::new(seed, course.fault_every, tally.faults.clone()));
     let mut session = Session {
         random: StdRng::seed_from_u64(seed),
-        rig: rig(),
+        course,
+        clock: Arc::new(VirtualClock::new(seed)),
         fakes: Fakes::default(),
         fits: Arc::default(),
         known: Known::default(),
         whole: BTreeSet::new(),
+        waiting: 0,
         in_turn,
-        tally: Tally::default(),
+        tally,
     };
+    faults::install(&session.fakes, &chance);
     let mut turns = session.turns();
-    let mut disk = Arc::new(PowerDisk::new(&folder.path().join("0"), forgets, turns.clone()));
+    let root = folder.path().join("0");
+    let mut disk = Arc::new(PowerDisk::new(&root, forgets, turns.clone(), session.clock.clone(), chance));
     for life in 1.. {
-        let span = if session.random.random_bool(0.2) { 12 } else { SPAN };
-        let cut = (life <= MOST_CUTS).then(|| session.random.random_range(0..span));
+        let soon = session.random.random_bool(0.2);
+        let range = session.course.cut_range(soon);
+        let cut = (life <= session.course.most_cuts).then(|| session.random.random_range(range));
         disk.arm(cut, session.random.random());
         let completed = session.live(&disk, &turns)?;
         session.tally.cuts += u64::from(disk.is_off());
         session.tally.trace.extend(disk.trace());
+        session.keep_journal(&disk);
         let root = folder.path().join(life.to_string());
         let before = disk.root().to_owned();
         let image = disk.image(&mut session.random, &root);
         let told = session.check(&root, &before)?;
         if completed {
-            session.known.check_whole(&told, &session.rig)?;
+            session.known.check_whole(&told, &session.course.rig)?;
             let sound = verify(&session.directory(&before).unwrap()).map_err(|e| e.to_string())?;
             if !sound.faults.is_empty() {
                 return Err(sound.faults.join("; "));
             }
             break;
         }
-        session.whole = told.whole(&session.rig);
+        (session.whole, session.waiting) = (told.whole(&session.course.rig), told.waiting(&session.course.rig));
         turns = session.turns();
         disk = Arc::new(image.with_turns(turns.clone()));
         std::fs::remove_dir_all(before).unwrap();
+        session.clock.go_on();
     }
+    session.tally.seconds = session.clock.elapsed().as_secs_f64();
     Ok(session.tally)
+}
+
+/// A directory with the same name whenever this process lives through the seed in this test: journals tell of it.
+fn folder(seed: u64) -> TempDir {
+    let thread = std::thread::current().name().unwrap_or("many").to_owned();
+    let name = format!("rigd-{}-{thread}-{seed}", std::process::id());
+    tempfile::Builder::new().prefix(&name).rand_bytes(0).tempdir_in(fast()).unwrap()
 }
 
 /// Where small files cost least.
@@ -95,12 +108,15 @@ fn fast() -> PathBuf {
 
 struct Session {
     random: StdRng,
-    rig: Rig,
+    course: Course,
+    clock: Arc<VirtualClock>,
     fakes: Fakes,
     fits: Arc<AtomicU64>,
     known: Known,
     /// Stations that are whole on the disk at the beginning of a life.
     whole: BTreeSet<usize>,
+    /// Those of them that the worker is given then.
+    waiting: usize,
     in_turn: bool,
     tally: Tally,
 }
@@ -113,8 +129,15 @@ enum Short {
 
 impl Session {
     fn turns(&mut self) -> Arc<Turns> {
-        let whole = self.in_turn.then_some(self.whole.len());
-        Arc::new(Turns::new(self.random.random(), self.rig.plan.exposures.len(), whole))
+        let waiting = self.in_turn.then_some(self.waiting);
+        let turns = Arc::new(Turns::new(self.random.random(), self.course.rig.plan.exposures.len(), waiting));
+        self.clock.keep_turns(turns.clone());
+        turns
+    }
+
+    fn keep_journal(&mut self, disk: &PowerDisk) {
+        let journal = self.directory(disk.root()).map(|directory| directory.join(journal::FILE));
+        self.tally.journals.extend(journal.and_then(|path| std::fs::read(path).ok()));
     }
 
     /// The directory of the session on the file system at `root`.
@@ -126,7 +149,7 @@ impl Session {
         let (Some(image), Some(live)) = (self.directory(root), self.directory(before)) else {
             return Ok(Told::default());
         };
-        self.known.check(&image, &live, &self.rig, &self.fakes.world())
+        self.known.check(&image, &live, &self.course.rig, &self.fakes.world())
     }
 
     /// From power on to the session's end (true) or the next cut.
@@ -158,16 +181,31 @@ impl Session {
         }
         turns.end();
         engine.shutdown().map_err(|e| Short::Broken(e.to_string()))?;
+        let world = self.fakes.world();
+        if lived.is_ok() && (world.lamp, world.angle_deg) != (0, PARK) {
+            let left = format!("left with the lamp at {} and the arm at {} degrees", world.lamp, world.angle_deg);
+            return Err(Short::Broken(left));
+        }
         lived
     }
 
     fn power_on(&mut self, disk: &Arc<PowerDisk>, turns: &Arc<Turns>, by_itself: bool) -> Result<EngineHandle, Short> {
         let store = Store::open_on(&disk.root().join("data"), 0, disk.clone()).map_err(|e| short(disk, e))?;
-        let mut rig = self.rig.clone();
+        let store = store.with_clock(self.clock.clone());
+        let mut rig = self.course.rig.clone();
         rig.storage.resume_at_start = by_itself;
         let mut parts = self.fakes.parts(store, rig, "name = \"fake rig\"");
-        let (mut open, paced) = (parts.open_arm, turns.clone());
-        parts.open_arm = Box::new(move || Ok(Box::new(Paced { arm: open()?, turns: paced.clone() })));
+        let (mut open, paced, clock) = (parts.open_arm, turns.clone(), self.clock.clone());
+        parts.open_arm = Box::new(move || {
+            let (arm, turns, clock) = (open()?, paced.clone(), clock.clone());
+            Ok(Box::new(PacedArm { arm, turns, clock, angle_deg: 0.0 }))
+        });
+        let (mut open, clock) = (parts.open_camera, self.clock.clone());
+        parts.open_camera = Box::new(move |cancel| {
+            let (camera, clock) = (open(cancel)?, clock.clone());
+            Ok(Box::new(PacedCamera { camera, clock }))
+        });
+        parts.speed = self.course.speed;
         let processing = Keeping { turns: turns.clone(), fits: self.fits.clone() };
         start(EngineParts { processing: Box::new(processing), ..parts }).map_err(|e| short(disk, e))
     }
@@ -182,7 +220,7 @@ impl Session {
         }
         let id = match found {
             Some(id) => id,
-            None => engine.start(&Default::default(), None).map_err(|e| short(disk, e))?.snapshot.id,
+            None => patiently(|| engine.start(&Default::default(), None)).map_err(|e| short(disk, e))?.snapshot.id,
         };
         self.known.id = Some(id.clone());
         let now = || engine.session(&id).unwrap();
@@ -191,7 +229,7 @@ impl Session {
             if faults != Ok(Vec::new()) && !disk.is_off() {
                 return Err(Short::Broken(format!("not sound: {faults:?}")));
             }
-            engine.command(&id, Verb::Resume).map_err(|e| short(disk, e))?;
+            patiently(|| engine.command(&id, Verb::Resume)).map_err(|e| short(disk, e))?;
         }
         wait("the end of the session", || now().state.is_final());
         let ended = now();
@@ -238,43 +276,20 @@ fn short(disk: &PowerDisk, reason: impl ToString) -> Short {
     if disk.is_off() { Short::Cut } else { Short::Broken(reason.to_string()) }
 }
 
+/// Asks again while the disk is full.
+fn patiently<T>(mut ask: impl FnMut() -> Result<T, EngineError>) -> Result<T, EngineError> {
+    loop {
+        match ask() {
+            Err(EngineError::NoSpace { .. }) => {}
+            other => return other,
+        }
+    }
+}
+
 fn wait(what: &str, mut true_now: impl FnMut() -> bool) {
     let end = Instant::now() + Duration::from_secs(120);
     while !true_now() {
         assert!(Instant::now() < end, "waited in vain for {what}");
         std::thread::sleep(Duration::from_micros(300));
-    }
-}
-
-/// The arm, whose calls are where the engine lets the worker work.
-struct Paced {
-    arm: Box<dyn Arm>,
-    turns: Arc<Turns>,
-}
-
-impl Arm for Paced {
-    fn identity(&self) -> ArmIdentity {
-        self.arm.identity()
-    }
-    fn home(&mut self, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
-        self.arm.home(cancel)
-    }
-    fn move_to(&mut self, angle_deg: f64, cancel: &Cancel) -> Result<ArmStatus, ArmError> {
-        self.turns.engine();
-        self.arm.move_to(angle_deg, cancel)
-    }
-    fn set_lamp(&mut self, permille: u16) -> Result<ArmStatus, ArmError> {
-        self.arm.set_lamp(permille)
-    }
-    fn prove_position(&mut self, _: &Cancel) -> Result<(), ArmError> {
-        self.turns.engine();
-        Ok(())
-    }
-    fn status(&mut self) -> Result<ArmStatus, ArmError> {
-        self.turns.engine();
-        self.arm.status()
-    }
-    fn stop(&mut self) -> Result<ArmStatus, ArmError> {
-        self.arm.stop()
     }
 }

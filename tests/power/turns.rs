@@ -32,6 +32,9 @@ struct Inner {
     whole: bool,
     /// A record was written that counts with its sync.
     told: Option<Told>,
+    /// All frames are in: what is not developed yet is at the engine's next call, of its clean-up.
+    frames_in: bool,
+    /// Nothing more is to be developed: the worker goes on as it likes.
     fitting: bool,
 }
 
@@ -39,6 +42,14 @@ struct Inner {
 enum Told {
     Fitting,
     Developed,
+}
+
+impl Inner {
+    fn frames_are_in(&mut self) {
+        self.frames_in = true;
+        let next = self.calls + 1;
+        self.due.iter_mut().for_each(|due| *due = next.min(*due));
+    }
 }
 
 impl Turns {
@@ -55,6 +66,7 @@ impl Turns {
             developed: 0,
             whole: false,
             told: None,
+            frames_in: false,
             fitting: false,
         };
         Self { exposures, inner: Mutex::new(inner), changed: Condvar::new() }
@@ -89,10 +101,11 @@ impl Turns {
     pub fn passed(&self, bytes: &[u8]) {
         let mut inner = self.lock();
         match inner.told.take() {
-            Some(Told::Fitting) => inner.fitting = true,
+            Some(Told::Fitting) => inner.frames_are_in(),
             Some(Told::Developed) => inner.developed += 1,
             None => {}
         }
+        inner.fitting |= inner.frames_in && (inner.calls == 0 || inner.developed >= inner.due.len());
         let record: Value = serde_json::from_slice(bytes).unwrap_or_default();
         match record["type"].as_str() {
             Some("frame.committed") => inner.whole = record["exposure"] == self.exposures - 1,

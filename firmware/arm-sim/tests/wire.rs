@@ -168,15 +168,18 @@ fn a_silent_host_costs_lamp_and_motion() {
     rig.done(Request::MoveTo { target_mdeg: -70_000, move_id: 2 });
     assert_eq!(rig.ask(Request::SetLamp { level_permille: 750, ttl_ms: 60_000 }), Answer::Accepted);
     assert_eq!(rig.ask(Request::MoveTo { target_mdeg: 90_000, move_id: 3 }), Answer::Accepted);
-    // The move alone would take 160 / 90 + 90 / 180 s.
+    // The move alone would take 160 / 90 + 90 / 180 s: the silence ends it.
     rig.board.advance(1_000_000);
     assert_eq!(rig.board.world().lamp_permille, 750);
     rig.board.advance((DEAD_MAN_MS - 1000) * 1000 - 1000);
     assert_eq!(rig.board.world().lamp_permille, 750);
     rig.board.advance(2000);
     assert_eq!(rig.board.world().lamp_permille, 0);
+    // 90 deg/s at 180 deg/s^2: at rest half a second later.
+    rig.board.advance(500_000);
     let status = rig.status();
     assert_eq!((status.state, status.faults, status.homed), (State::Faulted, Faults::HOST_LOST, true));
+    assert!(!status.moving && status.position_mdeg < 80_000, "{status:?}");
     assert_eq!(rig.ask(Request::MoveTo { target_mdeg: 0, move_id: 4 }), Answer::Error(ErrorCode::Faulted));
     assert_eq!(rig.ask(Request::ClearFault), Answer::Accepted);
     assert_eq!(rig.done(Request::MoveTo { target_mdeg: 0, move_id: 5 }).position_mdeg, 0);
@@ -200,8 +203,8 @@ fn a_host_that_falls_silent_during_homing_leaves_a_standing_arm() {
 #[test]
 fn the_lamp_ends_with_its_own_time() {
     let mut rig = Rig::new(700);
-    assert_eq!(rig.ask(Request::SetLamp { level_permille: 300, ttl_ms: 1500 }), Answer::Accepted);
-    rig.board.advance(1_498_000);
+    assert_eq!(rig.ask(Request::SetLamp { level_permille: 300, ttl_ms: 1200 }), Answer::Accepted);
+    rig.board.advance(1_198_000);
     assert_eq!(rig.board.world().lamp_permille, 300);
     rig.board.advance(3000);
     assert_eq!((rig.board.world().lamp_permille, rig.status().lamp_permille), (0, 0));

@@ -60,7 +60,9 @@ fn advice(code: ErrorCode) -> &'static str {
         ErrorCode::HomeFailed => "the home switch was not found: check the switch, its cable and a blocked arm",
         ErrorCode::SwitchStuck => "the home switch does not open: check the switch and its cable",
         ErrorCode::StepLoss => "steps were lost: check for a blocked arm, lower the acceleration, then home again",
-        ErrorCode::HostLost => "it heard nothing for 3 s and made itself safe: home again (was this computer asleep?)",
+        ErrorCode::HostLost => {
+            "it heard nothing for 1.5 s and made itself safe: home again (was this computer asleep?)"
+        }
         ErrorCode::LampFault => "the lamp draws no or too much current: check the bulb",
         ErrorCode::OverTemp => "motor driver or lamp is too hot: let it cool and check the fan",
         ErrorCode::StaleSequence => "it saw a newer request already: check for a second program on the port",

@@ -9,7 +9,6 @@ use crate::session::witness::{Verdict, lights_front};
 use crate::store::{StoreError, frames};
 use rig_config::Shutter;
 use serde_json::json;
-use std::time::Instant;
 
 /// Retakes of a frame before its bracket, or the session, is given up.
 const RETAKES: usize = 2;
@@ -23,12 +22,12 @@ impl Acquisition<'_> {
             *attempt += 1;
             let attempt = *attempt;
             let shot = self.shot(station, exposure)?;
-            let begin = Instant::now();
+            let begin = self.now();
             let taken = self.shoot(&shot);
-            self.spend_shot(&shot, &taken, begin.elapsed());
+            self.spend_shot(&shot, &taken, self.since(begin));
             match taken? {
                 Taken::Good(frame, fingerprint, since_rest_s) => {
-                    let begin = Instant::now();
+                    let begin = self.now();
                     let stood_deg = self.check_light(angle_deg)?;
                     let looked = self.look(&frame, &shot, angle_deg);
                     let look = match looked {

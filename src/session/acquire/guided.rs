@@ -10,7 +10,6 @@ use crate::session::worker::{self, Job};
 use serde_json::json;
 use std::ops::Range;
 use std::sync::mpsc::sync_channel;
-use std::time::Instant;
 
 impl Acquisition<'_> {
     /// Takes every step until it is accepted.
@@ -60,7 +59,7 @@ impl Acquisition<'_> {
         self.safe_point()?;
         // Refused only when a user ended the run meanwhile: the next safe point sees it.
         let _ = self.book.happen(self.id, Event::OperatorNeeded, None);
-        let since = Instant::now();
+        let since = self.now();
         while self.state() == SessionState::Awaiting && !self.book.lock().shutdown {
             self.wait(LONG, |state| state != SessionState::Awaiting);
         }

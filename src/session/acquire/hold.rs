@@ -7,13 +7,15 @@ use crate::session::state::{Event, SessionState};
 use crate::session::worker::Fault;
 use crate::store::StoreError;
 use serde_json::json;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Recoveries of the arm a session may need.
+/// Recoveries of the arm without a whole station in between.
 const RECOVERIES: usize = 3;
 /// Longest absence of the arm in each, seconds, and the time between two looks for it.
 const OUTAGE_S: f64 = 26.0;
 const LOOK_S: f64 = 0.25;
+/// How often a worker that has enough to do is asked again.
+const WORKER: Duration = Duration::from_millis(100);
 /// A wait without an end of its own is renewed this often.
 pub(super) const LONG: Duration = Duration::from_secs(3600);
 
@@ -34,7 +36,7 @@ impl Acquisition<'_> {
     }
 
     fn wait_for_room(&mut self, reason: &str, bytes: u64) -> Result<(), Ended> {
-        let since = Instant::now();
+        let since = self.now();
         room::wait_for(self.book, self.id, &self.writer, bytes, reason, self.speed);
         self.spend(Stage::Held, since);
         self.last = None;
@@ -66,12 +68,12 @@ impl Acquisition<'_> {
 
     /// Tries to open the arm every quarter second: it is found soon after it is plugged in again.
     fn find_arm(&mut self) -> Result<(), Ended> {
-        let since = Instant::now();
+        let since = self.now();
         loop {
             let Err(error) = self.bench.open_arm() else { return Ok(()) };
             match self.arm_trouble(&error) {
                 Trouble::End(ended) => return Err(ended),
-                _ if since.elapsed().as_secs_f64() * self.speed >= OUTAGE_S => {
+                _ if self.since(since).as_secs_f64() * self.speed >= OUTAGE_S => {
                     return Err(Ended::Interrupted(format!("the arm did not come back within {OUTAGE_S} s: {error}")));
                 }
                 _ => self.rest(LOOK_S)?,
@@ -98,7 +100,7 @@ impl Acquisition<'_> {
                     held |= self.book.happen(self.id, Event::SafePoint, None).is_ok();
                 }
                 SessionState::Paused => {
-                    let since = Instant::now();
+                    let since = self.now();
                     self.wait(LONG, |state| state != SessionState::Paused);
                     self.spend(Stage::Held, since);
                 }
@@ -109,8 +111,17 @@ impl Acquisition<'_> {
 
     /// Waits a time of the rig's, unless the session is to end.
     pub(super) fn rest(&self, seconds: f64) -> Result<(), Ended> {
-        let ending = |state| matches!(state, SessionState::Stopping | SessionState::Aborting);
         let time = Duration::try_from_secs_f64(seconds / self.speed).unwrap_or(LONG);
+        self.unless_ended(self.book.clock.rest(time))
+    }
+
+    /// Gives the worker time to take a job.
+    pub(super) fn wait_for_worker(&self) -> Result<(), Ended> {
+        self.unless_ended(WORKER)
+    }
+
+    fn unless_ended(&self, time: Duration) -> Result<(), Ended> {
+        let ending = |state| matches!(state, SessionState::Stopping | SessionState::Aborting);
         if self.wait(time, ending) { Err(self.asked_end()) } else { Ok(()) }
     }
 

@@ -1,9 +1,11 @@
 //! What comes before the first frame: what an earlier run of the session left is adopted, then devices are opened and made ready.
 
 use super::{Acquisition, Ended, Trouble};
+use crate::session::book::Entry;
 use crate::session::ledger::FrameRecord;
 use crate::session::preflight::{small_card, weak_battery};
 use crate::session::worker::Job;
+use crate::store::dataset::radiance_name;
 use serde_json::json;
 
 /// Waits for the devices of a session that is taken up, each before another try, seconds: after a power cut a body may take a while
@@ -11,8 +13,9 @@ use serde_json::json;
 const DEVICES_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
 
 impl Acquisition<'_> {
-    /// The stations still to be shot. What an earlier run of the session committed is believed by its hashes, and whole brackets go to
-    /// the worker; the lamp was off in between, so a bracket that is not whole is shot again from its first exposure.
+    /// The stations still to be shot. What an earlier run of the session committed is believed by its hashes, and whole brackets that
+    /// are not developed go to the worker, after the first, whose response it needs for all; the lamp was off in between, so a bracket
+    /// that is not whole is shot again from its first exposure.
     pub(super) fn adopt(&mut self) -> Result<Vec<usize>, Ended> {
         let committed: Vec<FrameRecord> =
             self.book.look(self.id, |entry| entry.ledger.frames().cloned().collect()).unwrap_or_default();
@@ -23,17 +26,29 @@ impl Acquisition<'_> {
                 self.record("frame.lost", fields)?;
             }
         }
-        let mut todo = Vec::new();
-        for station in 0..self.work.stations() {
-            let whole = self.work.capture().is_some()
-                && self.book.look(self.id, |entry| entry.ledger.bracket(station).is_some()) == Some(true);
-            if whole {
-                self.hand_over(|session| Job::Develop { session, station })?;
-            } else {
-                todo.push(station);
-            }
+        let all = 0..self.work.stations();
+        let (whole, todo): (Vec<_>, Vec<_>) = all.partition(|&station| self.is_whole(station));
+        let waiting: Vec<_> =
+            whole.into_iter().filter(|&station| station == 0 || !self.is_developed(station)).collect();
+        if todo.is_empty() && waiting == [0] && self.is_developed(0) {
+            return Ok(todo);
+        }
+        for station in waiting {
+            self.hand_over(|session| Job::Develop { session, station })?;
         }
         Ok(todo)
+    }
+
+    fn is_whole(&self, station: usize) -> bool {
+        let look = |entry: &mut Entry| entry.ledger.bracket(station).is_some();
+        self.work.capture().is_some() && self.book.look(self.id, look) == Some(true)
+    }
+
+    fn is_developed(&self, station: usize) -> bool {
+        let look = |entry: &mut Entry| {
+            entry.ledger.is_developed(station) && entry.directory.join(radiance_name(station)).is_file()
+        };
+        self.book.look(self.id, look) == Some(true)
     }
 
     /// Devices open, arm homed, lamp warm.

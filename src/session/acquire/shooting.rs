@@ -56,7 +56,7 @@ impl Acquisition<'_> {
 
     /// Time since the arm reported rest, in seconds of the rig.
     fn since_rest_s(&self) -> f64 {
-        self.speed * self.rested.elapsed().as_secs_f64()
+        self.speed * self.since(self.rested).as_secs_f64()
     }
 
     /// Climbs the ladder until the camera opens; returns why it had to.

@@ -6,6 +6,7 @@ use crate::session::state::{Event, SessionState};
 use crate::session::work::Work;
 use crate::store::StoreError;
 use crate::store::sessions::Found;
+use std::collections::VecDeque;
 
 impl Inner {
     /// Takes a session found on disk; true when it had to be marked interrupted.
@@ -22,8 +23,16 @@ impl Inner {
         journal.records.iter().for_each(|record| ledger.apply(record));
         let id = manifest.id.clone();
         let unfinished = !ledger.snapshot.state.is_final();
-        let entry =
-            Entry { ledger, manifest, work, directory, pace: 1.0, worker_fault: None, journal: None, tail: vec![] };
+        let entry = Entry {
+            ledger,
+            manifest,
+            work,
+            directory,
+            pace: 1.0,
+            worker_fault: None,
+            journal: None,
+            tail: VecDeque::new(),
+        };
         self.runs.insert(id.clone(), entry);
         if let Some(fault) = journal.fault {
             self.distrust(&id, &fault);

@@ -3,7 +3,6 @@
 use super::{Entry, Inner, unknown};
 use crate::session::handle::EngineError;
 use crate::session::state::{Event, Verb};
-use crate::store::journal;
 use rig_config::Rig;
 
 impl Inner {
@@ -21,7 +20,6 @@ impl Inner {
         self.store.check_space(plan_bytes / frames * left)?;
         self.store.make_shelves(&entry.directory)?;
         entry.journal = Some(self.store.open_journal(&entry.directory, &entry.manifest)?);
-        entry.tail = journal::read(&entry.directory.join(journal::FILE))?.records;
         entry.worker_fault = None;
         self.happen(id, Event::Asked(Verb::Resume), Some(reason)).map_err(|e| EngineError::Storage(e.to_string()))?;
         self.pending = Some(id.to_owned());

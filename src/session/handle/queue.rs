@@ -38,7 +38,7 @@ impl EngineHandle {
     /// The queue.
     pub fn queue(&self) -> QueueSnapshot {
         let inner = self.book.lock();
-        let mut free = Timestamp::now();
+        let mut free = self.book.clock.now();
         if let Some(left_s) = inner.active().and_then(|run| run.snapshot().remaining_s) {
             free = later(free, left_s);
         }
@@ -94,7 +94,7 @@ impl EngineHandle {
         if !reasons.is_empty() {
             return Err(PlanError { reasons }.into());
         }
-        let id = uuid::Uuid::now_v7().to_string();
+        let id = self.book.clock.new_id().to_string();
         let entry = QueueEntry { id: id.clone(), request: request.clone(), started: 0, last: None, refused: None };
         inner.change_queue(|queue| queue.entries.push(entry))?;
         drop(inner);

@@ -4,7 +4,6 @@ use super::Queue;
 use crate::session::book::{Book, Inner};
 use crate::session::handle::{EngineError, EngineHandle};
 use crate::session::state::SessionState;
-use jiff::Timestamp;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -66,7 +65,10 @@ impl Dispatcher {
         let Some(entry) = entry else { return };
         let key = format!("queue {id} run {}", entry.started + 1);
         match self.engine.start(&entry.request.session, Some(&key)) {
-            Ok(started) => self.change(|queue| queue.started(id, &started.snapshot.id, Timestamp::now())),
+            Ok(started) => {
+                let now = self.book.clock.now();
+                self.change(|queue| queue.started(id, &started.snapshot.id, now));
+            }
             // Somebody was faster.
             Err(EngineError::Busy { .. } | EngineError::Gone) => {}
             Err(error @ (EngineError::NoSpace { .. } | EngineError::Storage(_))) => {
@@ -112,6 +114,6 @@ fn next(inner: &mut Inner, not_before: Instant) -> Option<Next> {
             frames: snapshot.frames_committed,
         });
     }
-    let due = inner.queue.due(Timestamp::now()).filter(|_| inner.active().is_none())?;
+    let due = inner.queue.due(inner.store.clock().now()).filter(|_| inner.active().is_none())?;
     Some(Next::Start { entry: due.id.clone() })
 }

@@ -1,0 +1,90 @@
+//! Time that passes as the simulated devices let it: the same in every run of a seed.
+
+use super::turns::Turns;
+use jiff::Timestamp;
+use rigd::store::Clock;
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
+use uuid::Uuid;
+
+/// An evening.
+const BEGIN: &str = "2026-11-23T19:00:00Z";
+/// From a cut to the next start of the daemon.
+const OUTAGE: Duration = Duration::from_secs(60);
+
+#[derive(Debug)]
+pub struct VirtualClock {
+    seed: u64,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    elapsed: Duration,
+    /// The power is off: what the devices still do takes no time.
+    stopped: bool,
+    ids: u16,
+    turns: Option<Arc<Turns>>,
+}
+
+impl VirtualClock {
+    pub fn new(seed: u64) -> Self {
+        Self { seed, state: Mutex::default() }
+    }
+
+    /// A device took this long, seconds.
+    pub fn pass(&self, seconds: f64) {
+        let mut state = self.lock();
+        if !state.stopped {
+            state.elapsed += Duration::from_secs_f64(seconds);
+        }
+    }
+
+    /// The worker reads the time at its turn, not whenever its thread comes to it.
+    pub fn keep_turns(&self, turns: Arc<Turns>) {
+        self.lock().turns = Some(turns);
+    }
+
+    pub fn stop(&self) {
+        self.lock().stopped = true;
+    }
+
+    pub fn go_on(&self) {
+        let mut state = self.lock();
+        state.stopped = false;
+        state.elapsed += OUTAGE;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap()
+    }
+}
+
+impl Clock for VirtualClock {
+    fn now(&self) -> Timestamp {
+        BEGIN.parse::<Timestamp>().unwrap() + self.lock().elapsed
+    }
+
+    fn elapsed(&self) -> Duration {
+        if std::thread::current().name() == Some("worker") {
+            let turns = self.lock().turns.clone();
+            turns.inspect(|turns| turns.worker());
+        }
+        self.lock().elapsed
+    }
+
+    fn rest(&self, time: Duration) -> Duration {
+        self.pass(time.as_secs_f64());
+        Duration::ZERO
+    }
+
+    fn new_id(&self) -> Uuid {
+        let millis = self.now().as_millisecond() as u64;
+        let mut state = self.lock();
+        state.ids += 1;
+        let mut rest = [0; 10];
+        rest[..8].copy_from_slice(&self.seed.to_be_bytes());
+        rest[8..].copy_from_slice(&state.ids.to_be_bytes());
+        uuid::Builder::from_unix_timestamp_millis(millis, &rest).into_uuid()
+    }
+}
