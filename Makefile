@@ -25,6 +25,7 @@ packages:
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
 	command -v cmake >/dev/null || missing="$$missing cmake"; \
 	command -v nasm >/dev/null || missing="$$missing nasm"; \
+	command -v openssl >/dev/null || missing="$$missing openssl"; \
 	pkg-config --exists libgphoto2 2>/dev/null || missing="$$missing pkg-config libgphoto2-dev"; \
 	ls /usr/lib/llvm-*/lib/libclang.so* /usr/lib/llvm-*/lib/clang/*/include/stdarg.h >/dev/null 2>&1 || \
 		missing="$$missing libclang-dev"; \
@@ -48,16 +49,16 @@ format:
 # With every feature, so that what only a build with them has is looked at as well.
 lint:
 	$(heading) 'lints'
-	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo -- -D warnings
+	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo,rigd/tls -- -D warnings
 
 units:
 	$(heading) 'tests of the workspace'
 	@$(CARGO) test --quiet --workspace
 
 features:
-	$(heading) 'tests of the features raw (Canon raw files) and libjpeg-turbo'
-	@$(CARGO) test --quiet --features raw,libjpeg-turbo --test raw --test raw_folder --test fuzz_readers
-	@$(CARGO) test --quiet --features raw,libjpeg-turbo --lib pipeline::decode
+	$(heading) 'tests of the features raw (Canon raw files), libjpeg-turbo and tls'
+	@$(CARGO) test --quiet --features raw,libjpeg-turbo,tls --test raw --test raw_folder --test fuzz_readers --test tls --test notify_daemon
+	@$(CARGO) test --quiet --features raw,libjpeg-turbo,tls --lib pipeline::decode
 
 documentation:
 	$(heading) 'documentation of the code'
@@ -124,9 +125,10 @@ openapi: release
 	$(heading) 'fuzz of the REST surface'
 	@tests/schemathesis.sh '$(RIGD)' 60
 
-deb: release
+deb:
 	$(heading) 'Debian package'
 	@$(CARGO) build --quiet --release --package camera-worker
+	@$(CARGO) build --quiet --release --features tls
 	@packaging/build-deb '$(TARGET)/release' '$(TARGET)/deb'
 
 deb-check: deb

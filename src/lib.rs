@@ -4,6 +4,7 @@
 pub mod cli;
 pub mod devices;
 pub mod http;
+pub mod notify;
 pub mod numerics;
 pub mod pipeline;
 pub mod session;

@@ -2,10 +2,9 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, merge, queue, relight, safe, serve, session, simulate, study,
-    verify,
+    bench, calibrate, config, demo, doctor, error, fit, logging, merge, notify, queue, relight, retention, safe, serve,
+    session, simulate, study, verify,
 };
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// A material-capture daemon: drives a lamp on an arm and a camera, merges brackets to radiance, fits a relightable material.
@@ -27,11 +26,13 @@ enum Command {
     Relight(relight::Args),
     Merge(merge::Args),
     Verify(verify::Args),
+    Retention(retention::Args),
     /// Calibrate the rig of a running daemon, or from photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
     Config(config::Args),
     Doctor(doctor::Args),
+    Notify(notify::Args),
     Bench(bench::Args),
     /// Measure the solvers on scenes of known truth: tables and charts.
     #[command(subcommand)]
@@ -50,16 +51,7 @@ enum Simulate {
 }
 
 fn main() -> ExitCode {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("RIGD_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
-        // In a file or the journal, colours are noise.
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_env_filter(filter)
-        // A closed stderr must not become a panic of whoever logs.
-        .log_internal_errors(false)
-        .init();
+    logging::start();
     error::exit_code(match Cli::parse().command {
         Command::Session(args) => session::run(&args),
         Command::Queue(args) => queue::run(args),
@@ -70,9 +62,11 @@ fn main() -> ExitCode {
         Command::Relight(args) => relight::run(&args),
         Command::Merge(args) => merge::run(args),
         Command::Verify(args) => verify::run(&args),
+        Command::Retention(args) => retention::run(&args),
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Notify(args) => notify::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Study(study) => study::run(&study),
         Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),

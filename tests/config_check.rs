@@ -35,6 +35,30 @@ fn a_simulated_camera_before_a_real_arm_is_refused_by_both() {
     }
 }
 
+#[cfg(not(feature = "tls"))]
+#[test]
+fn a_certificate_is_refused_by_a_build_without_tls() {
+    let folder = tempfile::tempdir().unwrap();
+    let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| folder.path().join(name));
+    std::fs::write(&certificate, "").unwrap();
+    std::fs::write(&key, "").unwrap();
+    std::fs::set_permissions(&key, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    let files = format!("[server]\ncertificate = {certificate:?}\nkey = {key:?}");
+    let text = shipped("simulated").replace("[server]", &files);
+    let (status, said) = rigd(&text, &["config", "check"]);
+    assert!(
+        status == Some(0) && said.contains("refuses it all the same: server.certificate: this rigd was built without"),
+        "{said}"
+    );
+    let (status, said) = rigd(&text, &["serve", "--listen", "127.0.0.1:0", "--config"]);
+    assert!(status == Some(2) && said.contains("built without `--features tls`"), "{status:?}: {said}");
+    let (status, said) = rigd(&text.replace("key =", "# key ="), &["config", "check"]);
+    assert!(
+        status == Some(2) && said.contains("server.key: missing: server.certificate needs it"),
+        "{status:?}: {said}"
+    );
+}
+
 /// A program alone in its folder has no camera worker beside it.
 #[test]
 fn a_missing_camera_worker_is_told_by_both() {

@@ -18,7 +18,7 @@ struct Rule {
     never: &'static [&'static str],
 }
 
-const AXUM: &[&str] = &["axum", "hyper", "hyper_util", "utoipa_axum", "tower_http"];
+const AXUM: &[&str] = &["axum", "hyper", "hyper_util", "tokio_rustls", "utoipa_axum", "tower_http"];
 const OUTSIDE_WORLD: &[&str] =
     &["std::env", "std::fs", "std::io", "std::net", "std::os", "std::path", "std::process", "std::time"];
 /// The only packages that numerics may use; thiserror only words its errors.
@@ -43,9 +43,10 @@ const RULES: &[Rule] = &[
     },
     Rule { module: "study", may: &["sim", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
     Rule { module: "session", may: &["devices", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
+    Rule { module: "notify", may: &["session::handle", "session::state"], but_not: &[], never: &["tokio"] },
     Rule {
         module: "http",
-        may: &["session::handle", "session::plan", "session::state"],
+        may: &["session::handle", "session::plan", "session::state", "notify::Count"],
         but_not: &[],
         never: &["nalgebra", "rayon", "serialport"],
     },

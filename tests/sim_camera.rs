@@ -89,8 +89,9 @@ fn rig() -> Rig {
             objective: "noise".into(),
             cosine_cutoff: 0.15,
         },
-        storage: rig_config::Storage { data: "data".into(), reserve_bytes: 0, resume_at_start: true },
-        server: rig_config::Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None },
+        storage: rig_config::Storage { data: "data".into(), reserve_bytes: 0, resume_at_start: true, keep_days: None },
+        server: rig_config::Server { listen: "127.0.0.1:0".parse().unwrap(), tokens: None, tls: None },
+        notify: None,
         simulation: Some(SIMULATION),
     }
 }

@@ -154,6 +154,18 @@ fn usb_troubles_apart() -> Vec<Trouble> {
     ]
 }
 
+/// Told before anything moves or shines.
+#[test]
+fn a_card_without_room_refuses_a_session() {
+    let rigged = Rigged::new(small(), Box::new(NoProcessing), Cable::PtpIp);
+    rigged.camera.inject(Fault::CardFull, 1000);
+    let ended = rigged.run(&StartRequest::default());
+    let reason = ended.reason.unwrap_or_default();
+    assert!(reason.contains("takes 0 more shots") && reason.contains("needs 70"), "{:?}: {reason}", ended.state);
+    assert_eq!((ended.state, ended.frames_committed), (SessionState::Failed, 0));
+    assert_eq!(rigged.pose.get().lamp_permille, 0);
+}
+
 /// A session of two stations during which `trouble` strikes once `frames` frames are committed.
 fn survive(trouble: Trouble, frames: usize) {
     let on_usb = matches!(trouble, Trouble::Usb(..) | Trouble::Unopenable(..) | Trouble::Gone);

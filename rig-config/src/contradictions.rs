@@ -18,6 +18,7 @@ pub(crate) fn check(file: &Value, reasons: &mut Vec<Reason>) {
     sphere_in_view(&view, &mut found);
     crate::patch::check(&view, &mut found);
     listen(&view, &mut found);
+    notify(&view, &mut found);
     reasons.append(&mut found.0);
 }
 
@@ -263,6 +264,11 @@ fn sphere_in_view(view: &View, found: &mut Found) {
 }
 
 fn listen(view: &View, found: &mut Found) {
+    for (key, other) in [("server.certificate", "server.key"), ("server.key", "server.certificate")] {
+        if view.raw(key).is_some() && view.raw(other).is_none() {
+            found.refuse(other, format!("missing: {key} needs it"));
+        }
+    }
     let Some(text) = view.text("server.listen") else { return };
     match text.parse::<SocketAddr>() {
         Err(_) => {
@@ -274,4 +280,32 @@ fn listen(view: &View, found: &mut Found) {
         }
         Ok(_) => {}
     }
+}
+
+/// Somebody is told, and no secret stands in the file itself: it is copied into every manifest.
+fn notify(view: &View, found: &mut Found) {
+    if view.value("notify").is_none_or(|section| !section.is_table()) {
+        return;
+    }
+    let files = ["notify.webhook_file", "notify.ntfy_file"];
+    if files.iter().chain(&["notify.mail_to"]).all(|key| view.raw(key).is_none()) {
+        found.refuse("notify", "names nobody: add webhook_file, ntfy_file or mail_to, or remove the section");
+    }
+    for key in files {
+        if view.text(key).is_some_and(|path| path.contains("://")) {
+            let what = "is an address: write it into a file that only rigd may read, and name that file here, because the rig file is \
+                        copied into every session";
+            found.refuse(key, what);
+        }
+    }
+    if view.text("notify.mail_to").is_some_and(|to| !is_mail_address(to)) {
+        found.refuse("notify.mail_to", "is no e-mail address: write NAME@HOST and nothing else");
+    }
+}
+
+/// `NAME@HOST` in signs that stand for nothing else in a mail's head or on a command line.
+fn is_mail_address(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_graphic() && !"<>,;:\"()[]\\".contains(c);
+    let parts: Vec<&str> = text.split('@').collect();
+    text.chars().all(plain) && !text.starts_with('-') && parts.len() == 2 && parts.iter().all(|part| !part.is_empty())
 }

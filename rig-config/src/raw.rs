@@ -1,6 +1,10 @@
 //! The rig file as it is written. These types are the one owner of key names, types, bounds and defaults: the reader checks
 //! against the schema derived from them, and `rigd config schema` prints it.
 
+mod daemon;
+
+pub(crate) use daemon::{RawNotify, RawServer, RawStorage};
+
 use crate::patch::RawReferencePatch;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -38,6 +42,7 @@ pub(crate) struct RawRig {
     pub storage: RawStorage,
     #[serde(default)]
     pub server: RawServer,
+    pub notify: Option<RawNotify>,
     pub simulation: Option<RawSimulation>,
 }
 
@@ -320,48 +325,6 @@ fn default_age() -> f64 {
 /// Left-out lights choose.
 fn default_choice() -> String {
     "auto".to_owned()
-}
-
-/// Where sessions are kept.
-#[derive(Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RawStorage {
-    /// Directory of all sessions; `--data` wins over it.
-    #[schemars(length(min = 1, max = 4096))]
-    pub data: PathBuf,
-    /// Bytes kept free for journal and shutdown.
-    #[serde(default = "default_reserve")]
-    #[schemars(range(min = 0, max = 1_000_000_000_000_i64))]
-    pub reserve_bytes: u64,
-    /// A session that the daemon's end interrupted goes on at its next start; false leaves it for an operator's resume.
-    #[serde(default = "default_resume")]
-    pub resume_at_start: bool,
-}
-
-fn default_resume() -> bool {
-    true
-}
-
-fn default_reserve() -> u64 {
-    256 << 20
-}
-
-/// Where the daemon listens.
-#[derive(Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct RawServer {
-    /// Address and port, `127.0.0.1:7040`; port 0 takes any free one. `--listen` wins over it.
-    #[schemars(length(min = 1, max = 100))]
-    pub listen: String,
-    /// File of tokens, lines of `read TOKEN` or `control TOKEN`; left out, no token is needed, and only loopback is listened on.
-    #[schemars(length(min = 1, max = 4096))]
-    pub tokens: Option<PathBuf>,
-}
-
-impl Default for RawServer {
-    fn default() -> Self {
-        Self { listen: "127.0.0.1:7040".into(), tokens: None }
-    }
 }
 
 #[derive(Deserialize, JsonSchema)]

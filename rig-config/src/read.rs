@@ -106,7 +106,7 @@ fn syntax(text: &str, error: &toml::de::Error) -> Reason {
 impl RawRig {
     fn into_rig(self) -> Result<Rig, String> {
         let Self { name, arm, lamp, camera, object, plan, fit, .. } = self;
-        let Self { reference_patch, calibration, storage, server, simulation, .. } = self;
+        let Self { reference_patch, calibration, storage, server, notify, simulation, .. } = self;
         let port = || arm.port.clone().map(Into::into).ok_or("arm.port is missing");
         let arm_driver = match arm.driver {
             RawArmDriver::Rigproto => ArmDriver::Rigproto { port: port()? },
@@ -182,11 +182,19 @@ impl RawRig {
                 data: storage.data,
                 reserve_bytes: storage.reserve_bytes,
                 resume_at_start: storage.resume_at_start,
+                keep_days: storage.keep_days,
             },
             server: Server {
                 listen: server.listen.parse().map_err(|e| format!("server.listen: {e}"))?,
                 tokens: server.tokens,
+                tls: server.certificate.zip(server.key).map(|(certificate, key)| TlsFiles { certificate, key }),
             },
+            notify: notify.map(|n| Notify {
+                webhook_file: n.webhook_file,
+                ntfy_file: n.ntfy_file,
+                mail_to: n.mail_to,
+                sendmail: n.sendmail,
+            }),
             simulation: simulation.map(|s| Simulation {
                 scene: match s.scene {
                     RawScene::Marble => Scene::Marble,

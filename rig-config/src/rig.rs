@@ -28,6 +28,8 @@ pub struct Rig {
     pub storage: Storage,
     /// Where the daemon listens.
     pub server: Server,
+    /// Whom the daemon tells; none: nobody.
+    pub notify: Option<Notify>,
     /// The simulated world; present exactly when a driver is `simulated`.
     pub simulation: Option<Simulation>,
 }
@@ -282,6 +284,8 @@ pub struct Storage {
     pub reserve_bytes: u64,
     /// A session that the daemon's end interrupted goes on at its next start.
     pub resume_at_start: bool,
+    /// Days after which a completed and verified session is removed; none: never.
+    pub keep_days: Option<f64>,
 }
 
 /// Where the daemon listens.
@@ -291,6 +295,30 @@ pub struct Server {
     pub listen: std::net::SocketAddr,
     /// File of the tokens that clients need; none: no token is needed.
     pub tokens: Option<PathBuf>,
+    /// What TLS is spoken with; none: plain HTTP.
+    pub tls: Option<TlsFiles>,
+}
+
+/// PEM files of the server.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TlsFiles {
+    /// The certificate, those that vouch for it after it.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+}
+
+/// Whom the daemon tells that a session has ended or cannot go on: at least one of them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notify {
+    /// File of the address that takes JSON.
+    pub webhook_file: Option<PathBuf>,
+    /// File of the address of an ntfy topic.
+    pub ntfy_file: Option<PathBuf>,
+    /// E-mail address.
+    pub mail_to: Option<String>,
+    /// The program that takes e-mail.
+    pub sendmail: PathBuf,
 }
 
 /// Which simulated object stands in the rig.

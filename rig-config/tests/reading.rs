@@ -374,3 +374,29 @@ proptest! {
         is_answered(&text);
     }
 }
+
+#[test]
+fn whom_to_tell_is_checked_and_an_address_in_the_file_is_not_repeated() {
+    let notify = |section: &str| Rig::from_toml(&format!("{}\n[notify]\n{section}", simulated()), "rig.toml");
+    for (section, key, says) in [
+        ("", "notify", "names nobody"),
+        ("sendmail = \"/usr/bin/msmtp\"", "notify", "names nobody"),
+        ("webhook_file = \"https://example.org/s3cret\"", "notify.webhook_file", "is an address"),
+        ("ntfy_file = \"ntfy://s3cret\"", "notify.ntfy_file", "is an address"),
+        ("webhook = \"https://example.org/s3cret\"", "notify.webhook", "unknown key"),
+        ("mail_to = \"-oQ/tmp@host\"", "notify.mail_to", "NAME@HOST"),
+        ("mail_to = \"a@b, c@d\"", "notify.mail_to", "NAME@HOST"),
+        ("mail_to = \"nobody\"", "notify.mail_to", "NAME@HOST"),
+        ("mail_to = \"a@b\"\nsendmail = \"\"", "notify.sendmail", "is empty"),
+    ] {
+        let error = notify(section).unwrap_err();
+        let found = error.reasons.iter().any(|reason| reason.key == key && reason.what.contains(says));
+        assert!(found && !error.to_string().contains("s3cret"), "{section}: {error}");
+    }
+    let told = notify("mail_to = \"night@example.org\"").unwrap().notify.unwrap();
+    assert_eq!(
+        (told.mail_to.as_deref(), told.sendmail.to_str()),
+        (Some("night@example.org"), Some("/usr/sbin/sendmail"))
+    );
+    assert!(Rig::from_toml(simulated(), "").unwrap().notify.is_none());
+}

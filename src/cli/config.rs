@@ -1,6 +1,6 @@
 //! `rigd config`: the rig file's schema, and a check of a file.
 
-use super::daemon::missing_drivers;
+use super::daemon::{missing_drivers, notify, tls};
 use super::serve::read_rig;
 use std::io::Write;
 use std::path::PathBuf;
@@ -36,8 +36,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Command::Check { file } => {
             let (rig, _) = read_rig(file)?;
             writeln!(out, "{}: sound ({})", file.display(), rig.name)?;
-            if let Some(missing) = missing_drivers(&rig) {
-                writeln!(out, "rigd serve refuses it all the same: {missing}")?;
+            for reason in
+                missing_drivers(&rig).into_iter().chain(notify::targets(&rig).err()).chain(tls::load(&rig.server).err())
+            {
+                writeln!(out, "rigd serve refuses it all the same: {reason}")?;
             }
         }
         Command::Show { name } => {

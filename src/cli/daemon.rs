@@ -1,7 +1,10 @@
 //! The daemon put together: devices, store, engine and HTTP of one rig, in this process; before a simulated rig an operator as well.
 
+pub(super) mod notify;
 mod operator;
+mod secret;
 mod supervisor;
+pub(super) mod tls;
 mod tokens;
 
 use super::error::bad_input;
@@ -13,6 +16,7 @@ use crate::devices::inspect::{self, Host};
 use crate::devices::replay::ReplayCamera;
 use crate::devices::rigproto::{RigprotoArm, RigprotoSettings};
 use crate::http::{self, HttpState, Tokens};
+use crate::notify::{Notifier, Patience};
 use crate::session::bench::{OpenArm, OpenCamera, Remedy};
 use crate::session::engine::{self, EngineParts};
 use crate::session::handle::EngineHandle;
@@ -22,9 +26,10 @@ use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::SharedPose;
 use crate::store::Store;
 use anyhow::Context;
+use jiff::Timestamp;
 use operator::Operator;
-use rig_config::{ArmDriver, CameraDriver, Rig};
-use std::net::{SocketAddr, TcpListener as StdListener};
+use rig_config::{ArmDriver, CameraDriver, Rig, Server};
+use std::net::TcpListener as StdListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -37,9 +42,10 @@ const HTTP_GRACE: Duration = Duration::from_secs(5);
 
 /// A running daemon.
 pub struct Daemon {
-    /// Where it listens: `http://127.0.0.1:PORT`.
+    /// Where it listens: `http://127.0.0.1:PORT`, https with a certificate.
     pub url: String,
     engine: EngineHandle,
+    notifier: Notifier,
     shutdown: CancellationToken,
     http: JoinHandle<Result<(), http::ServeError>>,
 }
@@ -50,7 +56,7 @@ impl Daemon {
     ///
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken, or one beyond loopback
-    /// without tokens.
+    /// without tokens, nobody at the other end of `[notify]`.
     pub async fn start(rig: Rig, rig_text: String, handed: Option<StdListener>) -> anyhow::Result<Self> {
         let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
         if let Some(missing) = missing_drivers(&rig) {
@@ -68,20 +74,25 @@ impl Daemon {
             speed,
         };
         let tokens = tokens::load(&rig.server)?;
-        let listener = listener(handed, rig.server.listen, &tokens).await?;
-        let url = format!("http://{}", listener.local_addr()?);
+        let (targets, since) = (notify::targets(&rig).map_err(bad_input)?, Timestamp::now());
+        let tls = tls::load(&rig.server).map_err(bad_input)?;
+        let listener = listener(handed, &rig.server, &tokens).await?;
+        let scheme = if tls.is_some() { "https" } else { "http" };
+        let url = format!("{scheme}://{}", listener.local_addr()?);
         let engine = engine::start(parts)?;
         operator.serve(engine.clone());
+        let notifier = Notifier::start(engine.clone(), &rig.name, targets, since, Patience::default())?;
         let shutdown = CancellationToken::new();
         let state = HttpState {
             engine: engine.clone(),
             rig: Arc::new(rig),
             tokens: Arc::new(tokens),
+            notifications: notifier.counts(),
             shutdown: shutdown.clone(),
         };
-        let http = tokio::spawn(http::serve(listener, state));
+        let http = tokio::spawn(http::serve(listener, tls, state));
         supervisor::started(&url, &engine);
-        Ok(Self { url, engine, shutdown, http })
+        Ok(Self { url, engine, notifier, shutdown, http })
     }
 
     /// Ends the daemon: the engine cleans up (arm parked, lamp off) while open requests are answered.
@@ -92,7 +103,10 @@ impl Daemon {
         self.shutdown.cancel();
         let http = tokio::time::timeout(HTTP_GRACE, self.http).await;
         // Whatever became of HTTP: the lamp comes first.
-        clean_up.await?.context("clean-up at the end")?;
+        let cleaned = clean_up.await?;
+        let notifier = self.notifier;
+        tokio::task::spawn_blocking(move || notifier.end()).await?;
+        cleaned.context("clean-up at the end")?;
         if let Ok(ended) = http {
             ended??;
         }
@@ -100,7 +114,8 @@ impl Daemon {
     }
 }
 
-async fn listener(handed: Option<StdListener>, listen: SocketAddr, tokens: &Tokens) -> anyhow::Result<TcpListener> {
+async fn listener(handed: Option<StdListener>, server: &Server, tokens: &Tokens) -> anyhow::Result<TcpListener> {
+    let listen = server.listen;
     let listener = match handed {
         Some(handed) => {
             handed.set_nonblocking(true)?;
@@ -115,8 +130,8 @@ async fn listener(handed: Option<StdListener>, listen: SocketAddr, tokens: &Toke
     };
     let address = listener.local_addr()?;
     http::may_serve(address.ip(), tokens).map_err(bad_input)?;
-    if !address.ip().is_loopback() {
-        tracing::warn!(%address, "tokens cross the network unencrypted: better listen on loopback, behind a proxy with TLS");
+    if !address.ip().is_loopback() && server.tls.is_none() {
+        tracing::warn!(%address, "tokens cross the network unencrypted: name server.certificate, or listen on loopback behind a proxy with TLS");
     }
     Ok(listener)
 }

@@ -1,12 +1,16 @@
 //! `rigd verify`: is what lies on disk still what was committed?
 
 use super::error::{bad_input, print_line};
+use crate::session::SOFTWARE;
 use crate::session::verify::{Verified, verify};
+use crate::store::RealDisk;
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
+use crate::store::verified::Record;
 use anyhow::bail;
 use std::path::{Path, PathBuf};
 
-/// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed.
+/// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed. What is sound gets a
+/// `verified.json` that says so.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Directories of sessions or calibrations, or a data directory: then all that is in it.
@@ -46,9 +50,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A run that cannot be read at all is one with a fault.
+/// Verifies a run and, when it is sound, writes that down beside it (`verified.json`). A run that cannot be read at all is one with a fault.
 fn checked(run: &Path) -> Verified {
-    verify(run).unwrap_or_else(|error| Verified {
+    let begun = Record::begin(run, SOFTWARE);
+    let found = verify(run);
+    if let (Ok(record), Ok(found)) = (begun, &found)
+        && found.faults.is_empty()
+        && let Err(error) = record.write(&RealDisk, run, found.frames)
+    {
+        // An archive that cannot be written is no less sound.
+        tracing::warn!(%error, "that it was verified is not written down");
+    }
+    found.unwrap_or_else(|error| Verified {
         id: run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
         state: "unreadable".into(),
         records: 0,
@@ -64,7 +77,7 @@ fn show(run: &Verified) -> std::io::Result<()> {
 }
 
 /// The directory itself when it is a run; the runs in it when it is a data directory.
-fn runs(directory: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(super) fn runs(directory: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if directory.join("manifest.json").exists() {
         return Ok(vec![directory.to_path_buf()]);
     }

@@ -38,6 +38,15 @@ pub struct CameraIdentity {
     pub model: String,
 }
 
+/// What a body says of its card and its battery, where it tells.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Supplies {
+    /// Shots that the card still takes.
+    pub shots_left: Option<u32>,
+    /// The battery in the body's own words: `100%`, `Low`.
+    pub battery: Option<String>,
+}
+
 /// Why a camera call failed.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum CameraError {
@@ -86,6 +95,10 @@ pub enum CameraError {
 pub trait Camera: Send {
     /// What body this is.
     fn identity(&self) -> CameraIdentity;
+    /// Card and battery as of the opening.
+    fn supplies(&self) -> Supplies {
+        Supplies::default()
+    }
     /// Sets the exposure, shoots, downloads.
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError>;
     /// Called while nothing is shot, so that a body does not go to sleep and what it has to tell is taken.
@@ -109,6 +122,7 @@ type Request = (Shot, Cancel, SyncSender<Result<RawFrame, CameraError>>);
 /// [`CameraError::Unusable`] drop the handle and open the camera anew.
 pub struct CameraHandle {
     identity: CameraIdentity,
+    supplies: Supplies,
     grace_s: f64,
     inbox: Option<SyncSender<Request>>,
     released: Receiver<()>,
@@ -117,7 +131,7 @@ pub struct CameraHandle {
 impl CameraHandle {
     /// Takes the camera; `grace_s` as [`CALL_GRACE_S`].
     pub fn new(mut camera: Box<dyn Camera>, grace_s: f64) -> Result<Self, CameraError> {
-        let identity = camera.identity();
+        let (identity, supplies) = (camera.identity(), camera.supplies());
         let (inbox, requests) = sync_channel::<Request>(1);
         let (release, released) = sync_channel(1);
         let serve = move || {
@@ -143,12 +157,17 @@ impl CameraHandle {
             .name("camera".into())
             .spawn(serve)
             .map_err(|e| CameraError::Unusable { reason: format!("no thread for its driver: {e}") })?;
-        Ok(Self { identity, grace_s, inbox: Some(inbox), released })
+        Ok(Self { identity, supplies, grace_s, inbox: Some(inbox), released })
     }
 
     /// What body this is.
     pub fn identity(&self) -> &CameraIdentity {
         &self.identity
+    }
+
+    /// Card and battery as of the opening.
+    pub fn supplies(&self) -> &Supplies {
+        &self.supplies
     }
 
     /// Shoots within twice the exposure and the grace time.

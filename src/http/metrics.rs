@@ -1,7 +1,8 @@
-//! Metrics in the OpenMetrics text format. Nothing is counted here: each scrape reads the sessions as they stand.
+//! Metrics in the OpenMetrics text format. Nothing is counted here: each scrape reads sessions and notifications as they stand.
 
 use super::problem::Problem;
 use super::{HttpState, ask};
+use crate::notify::Count;
 use crate::session::handle::{LampStatus, SessionSnapshot};
 use axum::extract::State;
 use axum::http::header;
@@ -12,6 +13,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
 /// Metrics
@@ -20,11 +22,15 @@ use std::sync::atomic::AtomicU64;
 ))]
 pub(super) async fn metrics(State(state): State<HttpState>) -> Result<Response, Problem> {
     let (sessions, lamp) = ask(&state, |engine| Ok((engine.sessions(), engine.lamp()))).await?;
-    let text = text(&sessions, &lamp).map_err(|_| Problem::internal())?;
+    let text = text(&sessions, &lamp, &state.notifications).map_err(|_| Problem::internal())?;
     Ok(([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text).into_response())
 }
 
-fn text(sessions: &[SessionSnapshot], lamp: &LampStatus) -> Result<String, std::fmt::Error> {
+fn text(
+    sessions: &[SessionSnapshot],
+    lamp: &LampStatus,
+    notifications: &[Arc<Count>],
+) -> Result<String, std::fmt::Error> {
     let mut registry = Registry::with_prefix("rigd");
     registry.register("build", "The daemon", Info::new(vec![("version", env!("CARGO_PKG_VERSION"))]));
     let ended = Family::<Vec<(&str, String)>, Counter>::default();
@@ -45,6 +51,14 @@ fn text(sessions: &[SessionSnapshot], lamp: &LampStatus) -> Result<String, std::
         gauge.set(remaining);
         registry.register("session_remaining_seconds", "Estimated time left of the running session", gauge);
     }
+    let [sent, failed] = [(); 2].map(|()| Family::<Vec<(&str, &str)>, Counter>::default());
+    for count in notifications {
+        let label = vec![("target", count.target)];
+        sent.get_or_create(&label).inc_by(count.sent());
+        failed.get_or_create(&label).inc_by(count.failed());
+    }
+    registry.register("notifications_sent", "Messages that somebody took since the daemon started", sent);
+    registry.register("notifications_failed", "Messages that were given up since the daemon started", failed);
     let mut text = String::new();
     encode(&mut text, &registry)?;
     Ok(text)

@@ -15,10 +15,13 @@ mod results;
 mod rig;
 mod server;
 mod sessions;
+mod tls;
 
 pub use auth::{TokenError, Tokens, is_token};
 pub use problem::Problem;
+pub use tls::Tls;
 
+use crate::notify::Count;
 use crate::session::handle::EngineHandle;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -40,6 +43,8 @@ pub struct HttpState {
     pub rig: Arc<Rig>,
     /// Who may ask.
     pub tokens: Arc<Tokens>,
+    /// What became of the messages of `[notify]`.
+    pub notifications: Arc<[Arc<Count>]>,
     /// Cancelled when the daemon ends: open event streams end with it.
     pub shutdown: CancellationToken,
 }
@@ -74,14 +79,14 @@ pub fn router(state: HttpState) -> Router {
         .with_state(state)
 }
 
-/// Serves until `state.shutdown` is cancelled and the open requests are answered.
+/// Serves, with TLS where there is a certificate, until `state.shutdown` is cancelled and the open requests are answered.
 ///
 /// # Errors
 /// As [`may_serve`], or the listener fails.
-pub async fn serve(listener: tokio::net::TcpListener, state: HttpState) -> Result<(), ServeError> {
+pub async fn serve(listener: tokio::net::TcpListener, tls: Option<Tls>, state: HttpState) -> Result<(), ServeError> {
     may_serve(listener.local_addr()?.ip(), &state.tokens)?;
     let shutdown = state.shutdown.clone();
-    server::run(listener::Bounded::new(listener), router(state), shutdown).await;
+    server::run(listener::Bounded::new(listener), tls, router(state), shutdown).await;
     Ok(())
 }
 

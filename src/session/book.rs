@@ -3,6 +3,7 @@
 
 mod found;
 mod taken_up;
+mod told;
 mod wait;
 
 pub use wait::Next;
@@ -191,8 +192,11 @@ impl Book {
 
     /// Journals a record of a session; it counts once this has returned.
     pub fn record(&self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
-        self.lock().record(id, kind, fields)?;
+        let record = self.lock().record(id, kind, fields)?;
         self.tell();
+        if let Some(record) = record {
+            told::log(id, &record);
+        }
         Ok(())
     }
 
@@ -207,6 +211,7 @@ impl Book {
     pub fn happen(&self, id: &str, event: Event, reason: Option<&str>) -> Result<SessionState, WrongEvent> {
         let state = self.lock().happen(id, event, reason)?;
         self.tell();
+        tracing::info!(session = id, %state, reason, "session.state");
         Ok(state)
     }
 
@@ -322,9 +327,10 @@ impl Inner {
         self.runs.values().rev().find(|entry| !entry.state().is_final())
     }
 
-    fn record(&mut self, id: &str, kind: &str, fields: Value) -> Result<(), StoreError> {
-        let Value::Object(fields) = fields else { return Ok(()) };
-        let Some(entry) = self.runs.get_mut(id) else { return Ok(()) };
+    /// The record as it was journalled; none when there is no such run.
+    fn record(&mut self, id: &str, kind: &str, fields: Value) -> Result<Option<Value>, StoreError> {
+        let Value::Object(fields) = fields else { return Ok(None) };
+        let Some(entry) = self.runs.get_mut(id) else { return Ok(None) };
         let mut journal = match entry.journal.take() {
             Some(journal) => journal,
             None => self.store.open_journal(&entry.directory, &entry.manifest)?,
@@ -333,7 +339,7 @@ impl Inner {
         entry.journal = Some(journal);
         let record = record?;
         entry.ledger.apply(&record);
-        entry.tail.push_back(record);
+        entry.tail.push_back(record.clone());
         if entry.tail.len() > TAIL {
             entry.tail.pop_front();
         }
@@ -344,7 +350,7 @@ impl Inner {
         }
         let ended = entry.state().is_final();
         self.lamp.keep(&self.store, ended);
-        Ok(())
+        Ok(Some(record))
     }
 
     /// Changes the state. On a disk that takes nothing more the change is real all the same: the lamp must still go off.

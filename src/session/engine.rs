@@ -7,6 +7,7 @@ use super::book::{Book, Entry, Next};
 use super::handle::{EngineError, EngineHandle, FitRequest};
 use super::processing::Processing;
 use super::queue;
+use super::retention;
 use super::room::{self, Lack};
 use super::state::{Event, SessionState, WrongEvent};
 use super::worker::{self, Fault, Job, message};
@@ -69,7 +70,10 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
         engine.run();
     };
     std::thread::Builder::new().name("engine".into()).spawn(run).map_err(no_thread)?;
-    let handle = EngineHandle::new(Arc::clone(&book), rig, rig_text, jobs, speed, least_exposures);
+    let handle = EngineHandle::new(Arc::clone(&book), rig.clone(), rig_text, jobs, speed, least_exposures);
+    if let Some(keep_days) = rig.storage.keep_days {
+        retention::spawn(Arc::clone(&book), keep_days).map_err(no_thread)?;
+    }
     queue::spawn(book, handle.clone()).map_err(no_thread)?;
     Ok(handle)
 }

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod lamp;
+mod notice;
 mod queue;
 
 use super::adaptive::Saved;
@@ -14,6 +15,7 @@ pub use super::calibration::settle::SettleFile;
 pub use super::calibration::step::Step;
 pub use super::lamp::drift::LampDrift;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
+use super::preflight;
 use super::processing::read_json;
 pub use super::queue::QueueRequest;
 pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
@@ -215,6 +217,7 @@ impl EngineHandle {
         let text = self.use_calibration(inner, request, &mut plan)?;
         plan.warnings.extend(self.settle_warning(inner));
         plan.warnings.extend(inner.lamp.warning(self.rig.lamp.rated_hours));
+        plan.warnings.extend(preflight::of_machine(&self.rig, &plan, inner));
         if plan.exposures.len() < self.least_exposures {
             let (found, least) = (plan.exposures.len(), self.least_exposures);
             let reason = format!("exposures: a bracket of {found} cannot be developed: name at least {least}");

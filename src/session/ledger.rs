@@ -143,7 +143,7 @@ impl Ledger {
                 self.snapshot.stations_developed = self.developed.len();
                 self.apply_patch(station(), PatchReading::deserialize(&record["patch"]).ok());
             }
-            Some("calibration.doubted" | "lamp.unsteady") => {
+            Some("calibration.doubted" | "session.doubted" | "lamp.unsteady") => {
                 let warnings = record["warnings"].as_array().into_iter().flatten();
                 for warning in warnings.filter_map(Value::as_str) {
                     // A session that was taken up again is told the same once more.

@@ -102,9 +102,9 @@ pub const MAX_NAME: usize = 200;
 /// Download and bookkeeping of a frame, seconds: a guess, replaced by the measured pace once frames come in.
 const DOWNLOAD_S: f64 = 1.5;
 /// Bytes of a frame for each pixel: fine JPEGs take about half of it.
-const FRAME_BYTES_PER_PIXEL: u64 = 1;
+pub(super) const FRAME_BYTES_PER_PIXEL: u64 = 1;
 /// Bytes of a developed pixel: radiance and variance of three channels and validity, 32-bit.
-const RADIANCE_BYTES_PER_PIXEL: u64 = 28;
+pub(super) const RADIANCE_BYTES_PER_PIXEL: u64 = 28;
 /// Bytes of a result for each pixel of the full frame: weights and their errors of up to three materials, residual, 32-bit, and
 /// two small pictures.
 const RESULT_BYTES_PER_PIXEL: u64 = 40;

@@ -1,8 +1,10 @@
 //! Whether what a run left on disk is still what it was.
 
+use super::handle::SessionSnapshot;
 use super::ledger::Ledger;
 use super::work::Work;
-use crate::store::{StoreError, frames, journal, manifest};
+use crate::store::manifest::{self, Manifest};
+use crate::store::{StoreError, frames, journal};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -27,15 +29,8 @@ pub struct Verified {
 /// # Errors
 /// [`StoreError`] when there is no readable manifest or journal.
 pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
-    let manifest = manifest::read(directory)?;
-    let journal = journal::read(&directory.join(journal::FILE))?;
+    let (manifest, journal, ledger) = read(directory)?;
     let mut faults: Vec<String> = journal.fault.iter().map(|fault| format!("journal.jsonl: {fault}")).collect();
-    let unplanned = |e: serde_json::Error| StoreError::Corrupt {
-        path: directory.join("manifest.json").display().to_string(),
-        reason: format!("it holds no plan: {e}"),
-    };
-    let mut ledger = Ledger::new(&manifest, &Work::of(&manifest).map_err(unplanned)?);
-    journal.records.iter().for_each(|record| ledger.apply(record));
     let shelf = directory.join("frames");
     let (mut sound, mut known) = (0, BTreeSet::new());
     for frame in ledger.every_frame() {
@@ -51,6 +46,26 @@ pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
     }
     let state = ledger.snapshot.state.to_string();
     Ok(Verified { id: manifest.id, state, records: journal.records.len(), frames: sound, faults })
+}
+
+/// A session as its journal on disk has it.
+///
+/// # Errors
+/// [`StoreError`] when there is no readable manifest or journal.
+pub fn look(directory: &Path) -> Result<SessionSnapshot, StoreError> {
+    Ok(read(directory)?.2.snapshot)
+}
+
+fn read(directory: &Path) -> Result<(Manifest, journal::Read, Ledger), StoreError> {
+    let manifest = manifest::read(directory)?;
+    let journal = journal::read(&directory.join(journal::FILE))?;
+    let unplanned = |e: serde_json::Error| StoreError::Corrupt {
+        path: directory.join("manifest.json").display().to_string(),
+        reason: format!("it holds no plan: {e}"),
+    };
+    let mut ledger = Ledger::new(&manifest, &Work::of(&manifest).map_err(unplanned)?);
+    journal.records.iter().for_each(|record| ledger.apply(record));
+    Ok((manifest, journal, ledger))
 }
 
 /// Files that no record of the journal knows: a daemon removes those of its own that a crash left.

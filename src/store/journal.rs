@@ -47,7 +47,7 @@ pub fn read(path: &Path) -> Result<Read, StoreError> {
 }
 
 /// A pipe without a writer would hang for ever, a device has no end.
-fn bytes_of(path: &Path) -> Result<Vec<u8>, StoreError> {
+pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, StoreError> {
     let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
     check_regular(path, "journal").map_err(corrupt)?;
     std::fs::read(path).map_err(|e| io_error("read", path, &e))

@@ -14,6 +14,7 @@
 //!     calibration.json           copy of the calibration it uses, if any
 //!     dataset.toml               makes the session a dataset (docs/dataset.md)
 //!     result/                    the fitted material
+//!     verified.json              that `rigd verify` found all frames sound, and as of which journal
 //!   calibrations/<uuid v7>/      calibration runs: the same, with result/calibration.json
 //! ```
 //!
@@ -29,8 +30,10 @@ pub mod frames;
 pub mod journal;
 pub mod keep;
 pub mod manifest;
+pub mod memory;
 pub mod result;
 pub mod sessions;
+pub mod verified;
 
 pub use clock::{Clock, RealClock};
 pub use disk::{Disk, Existing, RealDisk};

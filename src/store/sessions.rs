@@ -13,6 +13,8 @@ use std::sync::Arc;
 
 /// Prefix of a session directory that is still being made.
 const UNFINISHED: &str = ".new-";
+/// Prefix of a run's directory that is being removed.
+const REMOVED: &str = ".removed-";
 /// File that says that the lamp may be on.
 const UNSAFE: &str = "lamp-may-be-on";
 
@@ -151,6 +153,16 @@ impl Store {
         Ok((last, journal, record))
     }
 
+    /// Takes a run out of the data directory in one step, durable when this returns; the directory that is left may be removed then, and is
+    /// at the next start. Nobody may write to the run any more.
+    pub fn take_out(&self, run: &Path) -> Result<PathBuf, StoreError> {
+        let shelf = run.parent().unwrap_or(&self.directory);
+        let grave = shelf.join(format!("{REMOVED}{}", run.file_name().unwrap_or_default().to_string_lossy()));
+        self.disk.rename(run, &grave, Existing::Kept).map_err(|e| io_error("take out", run, &e))?;
+        sync_directory(self.disk.as_ref(), shelf)?;
+        Ok(grave)
+    }
+
     /// Makes the folders of a run where they are missing.
     pub fn make_shelves(&self, run: &Path) -> Result<(), StoreError> {
         for path in ["frames", "radiance"].map(|name| run.join(name)).iter().filter(|path| !path.is_dir()) {
@@ -159,7 +171,7 @@ impl Store {
         Ok(())
     }
 
-    /// Every run on disk, oldest first, and what could not be read. Directories that a crash left unfinished are removed.
+    /// Every run on disk, oldest first, and what could not be read. Directories that a crash left half made or half removed go.
     pub fn runs(&self) -> Result<(Vec<Found>, Vec<StoreError>), StoreError> {
         let (mut found, mut unreadable) = (Vec::new(), Vec::new());
         let mut directories = Vec::new();
@@ -171,7 +183,7 @@ impl Store {
         }
         for directory in directories {
             let name = directory.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-            if name.starts_with(UNFINISHED) {
+            if [UNFINISHED, REMOVED].iter().any(|prefix| name.starts_with(prefix)) {
                 if let Err(error) = self.disk.remove_directory(&directory) {
                     unreadable.push(io_error("remove", &directory, &error));
                 }

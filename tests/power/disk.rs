@@ -70,6 +70,11 @@ impl PowerDisk {
         self.lock().trace.iter().map(told).collect()
     }
 
+    /// The same disk, from now on forgetting these syncs.
+    pub fn forgetting(self, forgets: Forgets) -> Self {
+        Self { forgets, ..self }
+    }
+
     /// The same disk in a machine of other turns.
     pub fn with_turns(self, turns: Arc<Turns>) -> Self {
         Self { turns, ..self }

@@ -14,7 +14,7 @@ use processing::FakeProcessing;
 use rig_config::Rig;
 use rigd::devices::Cancel;
 use rigd::devices::arm::{Arm, ArmError, ArmIdentity, ArmStatus};
-use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
+use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot, Supplies};
 use rigd::session::adaptive::Weighed;
 use rigd::session::bench::OpenArm;
 use rigd::session::calibration::file::CalibrationFile;
@@ -39,6 +39,8 @@ pub struct World {
     pub arm_open: bool,
     pub camera_opened: usize,
     pub camera_open: bool,
+    /// What the camera says when it is opened.
+    pub supplies: Supplies,
     /// Station, exposure, lamp level and angle at every shot.
     pub shots: Vec<(usize, usize, u16, f64)>,
     pub developed: Vec<(usize, usize)>,
@@ -313,6 +315,9 @@ struct FakeCamera {
 impl Camera for FakeCamera {
     fn identity(&self) -> CameraIdentity {
         CameraIdentity { model: "Fake EOS".into() }
+    }
+    fn supplies(&self) -> Supplies {
+        self.fakes.world().supplies.clone()
     }
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
         let count = {

@@ -1,16 +1,12 @@
 //! The file of tokens the daemon is started with: the rig file's, or the one that systemd hands over.
 
+use super::secret;
 use crate::cli::error::bad_input;
 use crate::http::Tokens;
 use crate::store::files::shown;
 use rig_config::Server;
-use std::fs::File;
-use std::io::Read;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-/// Largest file read, bytes: a few hundred tokens.
-const LARGEST: u64 = 64 << 10;
 /// Name of the file in systemd's directory of credentials, as rigd.service has it.
 const CREDENTIAL: &str = "tokens";
 
@@ -38,12 +34,5 @@ fn handed_over() -> Option<PathBuf> {
 }
 
 fn read(path: &Path) -> Result<Tokens, String> {
-    let file = File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
-    let mode = file.metadata().map_err(|e| e.to_string())?.permissions().mode();
-    if mode & 0o007 != 0 {
-        return Err("everyone on this machine may use it: `chmod o= FILE`".into());
-    }
-    let mut text = String::new();
-    file.take(LARGEST).read_to_string(&mut text).map_err(|e| format!("cannot be read: {e}"))?;
-    Tokens::parse(&text).map_err(|e| e.to_string())
+    Tokens::parse(&secret::read(path)?).map_err(|e| e.to_string())
 }

@@ -1,10 +1,8 @@
 //! The computer's clock: sessions are named, ordered and dated by it.
 
 use crate::devices::inspect::{Finding, Host};
+use crate::session::preflight::OLDEST_S;
 use jiff::Timestamp;
-
-/// No rigd is older: 2026-01-01, seconds.
-const OLDEST_S: i64 = 1_767_225_600;
 
 /// Whether the clock can be right, and whether systemd-timesyncd says that it has set it.
 pub fn look(host: &Host, now: Timestamp) -> Finding {

@@ -1,8 +1,9 @@
-//! The data directory: whether it can be written, has room for the rig file's plan, and is free.
+//! The data directory: whether it can be written, has room for the rig file's plan, and is free. And whether the memory suffices.
 
 use crate::devices::inspect::{Finding, Host, holders};
 use crate::session::plan::{CapturePlan, StartRequest};
-use crate::store::Disk;
+use crate::session::preflight;
+use crate::store::{Disk, memory as store_memory};
 use rig_config::Rig;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -33,6 +34,21 @@ pub fn room(host: &Host, rig: &Rig, disk: &dyn Disk) -> Finding {
             Finding::error(place, format!("its free space is not known: {error}"), "check that its disk is mounted")
         }
     }
+}
+
+/// Whether the rig file's plan can be developed and fitted in the memory that is left; nothing where the plan is none.
+pub fn memory(host: &Host, rig: &Rig) -> Option<Finding> {
+    let plan = CapturePlan::new(rig, &StartRequest::default()).ok()?;
+    Some(match store_memory::available(&host.proc) {
+        Ok(available) => match preflight::lack_of_memory(rig, &plan, available) {
+            Some(what) => Finding::warning("memory", what, "a night that runs out of memory ends the daemon"),
+            None => {
+                let needed = preflight::memory_bytes(rig, &plan);
+                Finding::ok("memory", format!("{} are available, the plan takes up to {}", gb(available), gb(needed)))
+            }
+        },
+        Err(error) => Finding::warning("memory", format!("how much is left is not known: {error}"), "mount /proc"),
+    })
 }
 
 /// Another rigd that has the data directory, if there is one. Nothing is made or written.

@@ -74,8 +74,19 @@ fn examine(host: &Host, rig: &Rig) -> anyhow::Result<Vec<Finding>> {
         }
     }
     findings.push(data::room(host, rig, &RealDisk));
+    findings.extend(data::memory(host, rig));
     findings.extend(daemon_there);
     findings.push(clock::look(host, jiff::Timestamp::now()));
+    if let Err(reason) = daemon::tls::load(&rig.server) {
+        findings.push(Finding::warning("server", reason, "rigd serve refuses to start"));
+    }
+    if let Err(reason) = daemon::notify::targets(rig) {
+        findings.push(Finding::warning(
+            "notify",
+            reason,
+            "`rigd notify` sends a test message; rigd serve refuses to start",
+        ));
+    }
     Ok(findings)
 }
 

@@ -1,6 +1,7 @@
 //! The daemon's REST surface as calls.
 
 use crate::http::Problem;
+use crate::notify::trusting;
 use crate::session::handle::{
     CalibrationRequest, CalibrationSnapshot, QueueRequest, QueueSnapshot, QueuedSession, SessionSnapshot,
 };
@@ -96,14 +97,18 @@ struct SessionPage {
 }
 
 impl Client {
-    /// A client of the daemon at `base_url`, `http://ADDRESS:PORT`, that shows it `token`.
+    /// A client of the daemon at `base_url`, `http://ADDRESS:PORT` or https, that shows it `token`.
     ///
     /// # Errors
     /// `base_url` is no such address.
     pub fn new(base_url: &str, token: Option<&str>) -> Result<Self, ClientError> {
         let base = base_url.trim_end_matches('/').to_owned();
-        let sound = base.parse::<Uri>().is_ok_and(|uri| uri.scheme_str() == Some("http") && uri.host().is_some());
-        if !sound {
+        let uri = base.parse::<Uri>().ok().filter(|uri| uri.host().is_some());
+        let scheme = uri.as_ref().and_then(Uri::scheme_str);
+        if scheme == Some("https") && !cfg!(feature = "tls") {
+            return Err(ClientError::Usage(format!("{base_url}: this rigd was built without `--features tls`")));
+        }
+        if !matches!(scheme, Some("http" | "https")) {
             return Err(ClientError::Usage(format!(
                 "`{base_url}` is no daemon's address: write http://127.0.0.1:PORT"
             )));
@@ -116,7 +121,7 @@ impl Client {
             .timeout_recv_response(Some(ANSWER))
             .timeout_per_read(Some(SILENCE));
         let authorization = token.map(|token| format!("Bearer {token}"));
-        Ok(Self { base, agent: config.build().new_agent(), authorization })
+        Ok(Self { base, agent: trusting(config).build().new_agent(), authorization })
     }
 
     fn get(&self, url: impl AsRef<str>) -> RequestBuilder<WithoutBody> {

@@ -6,7 +6,7 @@ mod worker;
 pub use worker::{Worker, WorkerCommand, WorkerError};
 
 use super::Cancel;
-use super::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
+use super::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot, Supplies};
 use camera_messages::labels::ImageFormat;
 use camera_messages::message::{self, HandleState, Identity, Reply, Request, ShutterWish};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -117,6 +117,10 @@ impl Gphoto2Camera {
 impl Camera for Gphoto2Camera {
     fn identity(&self) -> CameraIdentity {
         CameraIdentity { model: self.identity.model.clone() }
+    }
+
+    fn supplies(&self) -> Supplies {
+        Supplies { shots_left: self.identity.available_shots, battery: self.identity.battery.clone() }
     }
 
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {

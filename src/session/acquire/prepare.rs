@@ -3,6 +3,7 @@
 use super::{Acquisition, Ended, Trouble};
 use crate::session::book::Entry;
 use crate::session::ledger::FrameRecord;
+use crate::session::preflight::{small_card, weak_battery};
 use crate::session::worker::Job;
 use crate::store::dataset::radiance_name;
 use serde_json::json;
@@ -66,6 +67,7 @@ impl Acquisition<'_> {
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(|reason| self.unfit(reason))?;
         self.doubt_devices(&arm, &camera)?;
+        self.check_supplies()?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
         if let Err(error) = self.bench.prepare(&self.book.cancel) {
@@ -81,6 +83,27 @@ impl Acquisition<'_> {
             Err(Trouble::Arm(reason)) => self.recover(reason),
             Err(Trouble::Bracket(reason) | Trouble::Frame(reason)) => Err(self.unfit(reason)),
             Err(Trouble::End(ended)) => Err(ended),
+        }
+    }
+
+    /// Refuses a card that will not do for the frames still to be shot; journals a battery that may not last.
+    fn check_supplies(&mut self) -> Result<(), Ended> {
+        let supplies = self.bench.camera().map_err(|e| self.unfit(e.to_string()))?.supplies().clone();
+        let (left, seconds) = self
+            .book
+            .look(self.id, |entry| {
+                let (ledger, work) = (&entry.ledger, &entry.work);
+                let todo = (0..work.stations()).filter(|&station| ledger.bracket(station).is_none());
+                let left: usize = todo.map(|station| work.exposures(station).len()).sum();
+                (left, work.estimated_s() * (1.0 - entry.share_done()))
+            })
+            .unwrap_or_default();
+        if let Some(reason) = small_card(&supplies, left) {
+            return Err(self.unfit(reason));
+        }
+        match weak_battery(&supplies, seconds) {
+            Some(warning) => self.record("session.doubted", json!({"warnings": [warning]})),
+            None => Ok(()),
         }
     }
 

@@ -4,6 +4,8 @@ use super::BenchError;
 use crate::numerics::fit::observations::{Observations, Row};
 use crate::numerics::fit::prepared::ReadyRow;
 use crate::numerics::simd::LANES;
+use crate::store::memory;
+use std::path::Path;
 
 /// What is kept a point: its pixel and number of samples, and its share of the table of blocks.
 const POINT_BYTES: f64 = 8.0 + 2.0 + 8.0 / LANES as f64;
@@ -50,15 +52,9 @@ pub fn check(needed_bytes: f64, available_bytes: f64) -> Result<(), Shortage> {
 
 /// Memory that can be had without swapping, bytes.
 pub fn available_bytes() -> Result<f64, BenchError> {
-    let text = std::fs::read_to_string("/proc/meminfo").map_err(|error| BenchError::Memory(format!(": {error}")))?;
-    parse(&text).ok_or_else(|| BenchError::Memory(String::new()))
-}
-
-/// The figure of `/proc/meminfo`, which counts in KiB.
-fn parse(text: &str) -> Option<f64> {
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let kib: f64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(1024.0 * kib)
+    memory::available(Path::new("/proc"))
+        .map(|bytes| bytes as f64)
+        .map_err(|error| BenchError::Memory(format!(": {error}")))
 }
 
 #[cfg(test)]
@@ -66,13 +62,6 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::study::scene::Scene;
-
-    #[test]
-    fn available_memory_is_read_in_bytes_or_not_at_all() {
-        assert_eq!(parse("MemFree: 1 kB\nMemAvailable:   24208384 kB\nBuffers: 3 kB\n"), Some(24_208_384.0 * 1024.0));
-        assert_eq!(parse("MemFree: 1 kB\n"), None);
-        assert_eq!(parse("MemAvailable: many kB\n"), None);
-    }
 
     #[test]
     fn need_is_that_of_rows_and_weights_and_a_shortage_says_both_figures() {

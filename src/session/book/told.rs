@@ -1,0 +1,24 @@
+//! What was journalled, in the daemon's log: with fields, so that a session, a station or a frame can be searched for.
+
+use serde_json::Value;
+
+/// Says it; what an operator wants to know of is a warning.
+pub(super) fn log(session: &str, record: &Value) {
+    let kind = record["type"].as_str().unwrap_or_default();
+    let [seq, station, exposure] = ["seq", "station", "exposure"].map(|key| record[key].as_u64());
+    let [frame, reason] = ["file", "reason"].map(|key| record[key].as_str());
+    match kind {
+        "fault.raised"
+        | "frame.rejected"
+        | "bracket.rejected"
+        | "frame.lost"
+        | "calibration.doubted"
+        | "session.doubted" => {
+            tracing::warn!(session, seq, station, exposure, frame, reason, "{kind}");
+        }
+        "frame.committed" | "station.developed" | "fit.finished" | "fault.cleared" => {
+            tracing::info!(session, seq, station, exposure, frame, "{kind}");
+        }
+        _ => tracing::debug!(session, seq, station, exposure, frame, "{kind}"),
+    }
+}
