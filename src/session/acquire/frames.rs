@@ -67,9 +67,10 @@ impl Acquisition<'_> {
         }
     }
 
-    /// What the picture shows, held against the rest of the bracket; nothing where the arm may still swing, as in a settle run.
+    /// What the picture of a session shows, held against the rest of the bracket. The steps of a calibration show different things and
+    /// are judged by the worker.
     fn look(&mut self, frame: &RawFrame, shot: &Shot, angle_deg: f64) -> Result<Option<Look>, Verdict> {
-        if self.work.approach(shot.station).is_some() {
+        if self.work.capture().is_none() {
             return Ok(None);
         }
         let front = lights_front(self.rig, angle_deg);
