@@ -4,8 +4,6 @@
 mod support;
 
 use rig_config::{Rig, Scene, Shutter};
-use rigd::devices::Cancel;
-use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use rigd::session::adaptive::Saved;
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::SessionSnapshot;
@@ -13,33 +11,17 @@ use rigd::session::plan::{Adaptive, LightTargets, StartRequest};
 use rigd::session::processing::PipelineProcessing;
 use rigd::session::state::SessionState as S;
 use rigd::sim::camera::{CameraFaults, SimulatedCamera};
-use rigd::sim::pose::{Pose, SharedPose};
+use rigd::sim::pose::SharedPose;
 use rigd::sim::world::World;
 use rigd::store::{Store, result};
 use rigd::study::relit::{Relit, relit};
 use serde_json::Value;
+use support::sighted::Sighted;
 use support::{Fakes, events, wait_for};
 
 /// The bar: at least so many fewer exposures, at most so much more error of relighting, relative.
 const FEWER: f64 = 0.30;
 const LOSS: f64 = 0.02;
-
-/// Takes its pictures with the lamp and the arm of the fakes.
-struct Sighted(SimulatedCamera, Fakes, SharedPose);
-
-impl Camera for Sighted {
-    fn identity(&self) -> CameraIdentity {
-        self.0.identity()
-    }
-    fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
-        let pose = {
-            let world = self.1.world();
-            Pose { angle_deg: world.angle_deg, lamp_permille: world.lamp }
-        };
-        self.2.set(pose);
-        self.0.shoot(shot, cancel)
-    }
-}
 
 /// The paper's rig as it is simulated, with this ball.
 fn rig_of(scene: Scene, seed: u64) -> Rig {

@@ -15,19 +15,18 @@ use power::turns::Turns;
 use rand::SeedableRng;
 use rand::rngs::StdRng;
 use rig_config::{Rig, Shutter};
-use rigd::devices::Cancel;
-use rigd::devices::camera::{Camera, CameraError, CameraIdentity, RawFrame, Shot};
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::processing::PipelineProcessing;
 use rigd::session::state::SessionState as S;
 use rigd::sim::camera::{CameraFaults, SimulatedCamera};
-use rigd::sim::pose::{Pose, SharedPose};
+use rigd::sim::pose::SharedPose;
 use rigd::store::{Store, result};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
+use support::sighted::Sighted;
 use support::{Fakes, wait_for};
 
 const NOTHING: Forgets = |_| false;
@@ -139,23 +138,6 @@ fn a_disk_that_forgets_any_one_sync_is_caught() {
             .find_map(|seed| live_through(seed, Course::brief(), forgets, true).err().map(|why| (seed, why)));
         let (seed, why) = broken.unwrap_or_else(|| panic!("no cut misses the sync of {what}"));
         println!("{what}: seed {seed}: {why}");
-    }
-}
-
-/// Takes its pictures with the lamp and the arm of the fakes.
-struct Sighted(SimulatedCamera, Fakes, SharedPose);
-
-impl Camera for Sighted {
-    fn identity(&self) -> CameraIdentity {
-        self.0.identity()
-    }
-    fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
-        let pose = {
-            let world = self.1.world();
-            Pose { angle_deg: world.angle_deg, lamp_permille: world.lamp }
-        };
-        self.2.set(pose);
-        self.0.shoot(shot, cancel)
     }
 }
 

@@ -83,7 +83,7 @@ impl Bench {
         let rig = rig(seed);
         let (pose, faults) = (SharedPose::default(), CameraFaults::default());
         let camera = SimulatedCamera::new(&rig, rig.simulation.as_ref().unwrap(), pose.clone(), faults.clone());
-        let witness = Witness::new(part(&rig, true, false));
+        let witness = Witness::new(part(&rig, false));
         let (random, tally) = (SmallRng::seed_from_u64(seed), Tally::default());
         Self { rig, camera, faults, pose, witness, last: None, random, tally }
     }

@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 mod support;
 
-use rigd::devices::camera::CameraError;
 use rigd::numerics::radiometry::metering::Worth;
 use rigd::session::adaptive::Weighed;
 use rigd::session::handle::EngineHandle;
@@ -10,8 +9,7 @@ use rigd::session::plan::{Adaptive, CapturePlan, LightTargets, StartRequest};
 use rigd::session::processing::Next;
 use rigd::session::state::SessionState as S;
 use rigd::session::verify::verify;
-use std::path::Path;
-use support::{Act, Fakes, events, rig, until, wait_for};
+use support::{Fakes, ended_after, events, rig, wait_for};
 
 const LABELS: [&str; 5] = ["1/100", "1/20", "1/4", "1.3", "6"];
 const WORTH: Worth = Worth { sigma: 0.012, sigma_whole: 0.009 };
@@ -111,29 +109,12 @@ fn a_bracket_that_cannot_be_metered_is_shot_whole() {
     assert!(failed.len() == 1 && failed[0]["reason"] == "the sun went down", "{failed:?}");
 }
 
-/// Shoots until `frames` are committed, then the daemon ends; the session's id.
-fn ended_after(fakes: &Fakes, data: &Path, request: &StartRequest, frames: usize) -> String {
-    fakes.on_shot(move |_, count, cancel| {
-        if count == frames {
-            until("the cancel", || cancel.is_cancelled());
-            return Act::Fail(CameraError::Cancelled);
-        }
-        Act::Good
-    });
-    let engine = fakes.engine(data);
-    let id = engine.start(request, None).unwrap().snapshot.id;
-    until("the shot", || fakes.world().shots.len() == frames + 1);
-    engine.shutdown().unwrap();
-    fakes.on_shot(|_, _, _| Act::Good);
-    fakes.world().shots.clear();
-    id
-}
-
 #[test]
 fn it_goes_on_with_the_first_bracket_that_is_not_whole_and_decides_the_same() {
     for frames in 0..10 {
         let (fakes, data) = (metering(), tempfile::tempdir().unwrap());
         let id = ended_after(&fakes, data.path(), &request(None, Adaptive::default()), frames);
+        fakes.world().shots.clear();
         let engine = fakes.engine(data.path());
         wait_for(&engine, &id, S::Completed);
         // Frames before each station.
@@ -148,6 +129,7 @@ fn it_goes_on_with_the_first_bracket_that_is_not_whole_and_decides_the_same() {
 fn a_frame_that_is_lost_costs_its_thinned_bracket_and_no_other() {
     let (fakes, data) = (metering(), tempfile::tempdir().unwrap());
     let id = ended_after(&fakes, data.path(), &request(None, Adaptive::default()), 9);
+    fakes.world().shots.clear();
     std::fs::remove_file(data.path().join("sessions").join(&id).join("frames/001-02.jpg")).unwrap();
     let engine = fakes.engine(data.path());
     wait_for(&engine, &id, S::Completed);
@@ -205,6 +187,7 @@ fn what_lights_were_found_to_suffice_still_do_after_a_restart() {
     // In the middle of station 8 (of the eleven), then after the decision, in the fit.
     let (fakes, data) = (weighing(11), tempfile::tempdir().unwrap());
     let id = ended_after(&fakes, data.path(), &lights_only(), 42);
+    fakes.world().shots.clear();
     let engine = fakes.engine(data.path());
     let end = wait_for(&engine, &id, S::Completed);
     assert_eq!((end.frames_committed, fakes.world().shots.len()), (55, 15));

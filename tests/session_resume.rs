@@ -5,28 +5,11 @@ mod support;
 use rigd::devices::arm::ArmError;
 use rigd::devices::camera::CameraError;
 use rigd::session::handle::{EngineError, EngineHandle};
+use rigd::session::plan::StartRequest;
 use rigd::session::state::{SessionState as S, Verb};
 use std::collections::BTreeSet;
 use std::path::Path;
-use support::{Act, Fakes, LEVEL, begin, events, rig, until, wait_for};
-
-/// Shoots until `frames` are committed, then the daemon ends; the session's id.
-fn ended_after(fakes: &Fakes, data: &Path, frames: usize) -> String {
-    fakes.on_shot(move |_, count, cancel| {
-        if count == frames {
-            until("the cancel", || cancel.is_cancelled());
-            return Act::Fail(CameraError::Cancelled);
-        }
-        Act::Good
-    });
-    let engine = fakes.engine(data);
-    let id = begin(&engine);
-    until("the shot", || fakes.world().shots.len() == frames + 1);
-    engine.shutdown().unwrap();
-    fakes.on_shot(|_, _, _| Act::Good);
-    assert_eq!(engine.session(&id).unwrap().state, S::Interrupted);
-    id
-}
+use support::{Act, Fakes, LEVEL, begin, ended_after, events, rig, until, wait_for};
 
 /// Every cell of the plan has one frame that counts, a station's frames are of one bracket, and each was lit as planned.
 fn assert_whole(fakes: &Fakes, engine: &EngineHandle, id: &str) {
@@ -48,7 +31,7 @@ fn assert_whole(fakes: &Fakes, engine: &EngineHandle, id: &str) {
 fn a_session_goes_on_when_the_daemon_starts_again_and_shoots_whole_stations_no_second_time() {
     for frames in 0..6 {
         let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-        let id = ended_after(&fakes, data.path(), frames);
+        let id = ended_after(&fakes, data.path(), &StartRequest::default(), frames);
         fakes.world().shots.clear();
         let engine = fakes.engine(data.path());
         let end = wait_for(&engine, &id, S::Completed);
@@ -124,7 +107,7 @@ fn a_paused_session_and_one_that_is_left_to_the_operator_wait_for_him() {
     engine.shutdown().unwrap();
     drop(engine);
     fakes.world().shots.clear();
-    let left = ended_after(&fakes, data.path(), 3);
+    let left = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
     fakes.world().shots.clear();
 
     let mut rig = rig();
@@ -147,7 +130,7 @@ fn a_paused_session_and_one_that_is_left_to_the_operator_wait_for_him() {
 #[test]
 fn a_frame_that_is_no_longer_what_was_committed_is_shot_again_with_its_bracket() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-    let id = ended_after(&fakes, data.path(), 4);
+    let id = ended_after(&fakes, data.path(), &StartRequest::default(), 4);
     let frames = data.path().join("sessions").join(&id).join("frames");
     let mut bytes = std::fs::read(frames.join("000-01.jpg")).unwrap();
     bytes[40] ^= 1;
@@ -167,7 +150,7 @@ fn a_frame_that_is_no_longer_what_was_committed_is_shot_again_with_its_bracket()
 #[test]
 fn an_arm_that_falls_silent_while_it_is_homed_again_is_brought_back() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-    let id = ended_after(&fakes, data.path(), 3);
+    let id = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
     let mut once = true;
     fakes.on_arm(move |call, _| {
         let silent = || ArmError::NoAnswer { what: "status", waited_s: 0.8 };
@@ -182,7 +165,7 @@ fn an_arm_that_falls_silent_while_it_is_homed_again_is_brought_back() {
 #[test]
 fn another_rig_file_does_not_go_on_with_it() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-    let id = ended_after(&fakes, data.path(), 3);
+    let id = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
     let engine = fakes.engine_of(data.path(), rig(), "name = \"another rig\"").unwrap();
     let refused = engine.command(&id, Verb::Resume).unwrap_err();
     assert!(matches!(&refused, EngineError::RigChanged { .. }), "{refused}");
@@ -193,7 +176,7 @@ fn another_rig_file_does_not_go_on_with_it() {
 #[test]
 fn the_fourth_take_up_without_a_frame_is_left_to_the_operator() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-    let id = ended_after(&fakes, data.path(), 3);
+    let id = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
     for take_up in 1..=4 {
         let before = fakes.world().shots.len();
         fakes.on_shot(|_, _, cancel| {
@@ -231,7 +214,7 @@ fn nothing_that_may_be_a_frame_is_ever_removed() {
     ];
     for (what, damage) in damages {
         let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-        let id = ended_after(&fakes, data.path(), 3);
+        let id = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
         let session = data.path().join("sessions").join(&id);
         let journal = session.join("journal.jsonl");
         // As a crash leaves it: the last record is a committed frame.
@@ -271,7 +254,7 @@ fn pictures(session: &Path) -> BTreeSet<Vec<u8>> {
 #[test]
 fn damaged_directories_are_left_alone_and_the_rest_works() {
     let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
-    let id = ended_after(&fakes, data.path(), 3);
+    let id = ended_after(&fakes, data.path(), &StartRequest::default(), 3);
     let shelf = data.path().join("sessions");
     let pipe = |path: &Path| nix::unistd::mkfifo(path, nix::sys::stat::Mode::S_IRWXU).unwrap();
     for (name, damage) in [

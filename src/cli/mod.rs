@@ -10,6 +10,7 @@ pub mod fit;
 pub mod logging;
 pub mod merge;
 pub mod notify;
+mod on_rig;
 pub mod queue;
 pub mod relight;
 pub mod retention;

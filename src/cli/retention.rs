@@ -1,24 +1,19 @@
 //! `rigd retention`: what `storage.keep_days` will remove.
 
 use super::error::{bad_input, print_line};
-use super::serve::read_rig;
+use super::on_rig::OnRig;
 use super::verify::runs;
 use crate::session::retention::may_go;
 use crate::session::verify::look;
 use crate::store::files::escaped;
 use crate::store::manifest::SESSIONS;
 use jiff::Timestamp;
-use std::path::PathBuf;
 
 /// List which sessions the daemon removes at its next look (storage.keep_days), and why the others stay. Removes nothing.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Rig file.
-    #[arg(long)]
-    config: PathBuf,
-    /// Directory of all sessions, as for rigd serve. Wins over the rig file.
-    #[arg(long)]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    on: OnRig,
 }
 
 /// Runs the command.
@@ -26,12 +21,13 @@ pub struct Args {
 /// # Errors
 /// A rig file that is refused or keeps sessions for ever; a data directory that cannot be listed.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let (rig, _) = read_rig(&args.config)?;
+    let rig = args.on.read()?;
     let keep_days = rig.storage.keep_days.ok_or_else(|| {
-        bad_input(format!("{}: has no storage.keep_days: sessions are kept for ever", args.config.display()))
+        bad_input(format!("{}: has no storage.keep_days: sessions are kept for ever", args.on.config.display()))
     })?;
-    let (data, now) = (args.data.as_ref().unwrap_or(&rig.storage.data), Timestamp::now());
-    for run in runs(data)?.iter().filter(|run| run.parent().is_some_and(|shelf| shelf.ends_with(SESSIONS))) {
+    let now = Timestamp::now();
+    for run in runs(&rig.storage.data)?.iter().filter(|run| run.parent().is_some_and(|shelf| shelf.ends_with(SESSIONS)))
+    {
         let id = run.file_name().unwrap_or_default().to_string_lossy();
         let verdict = look(run).map_err(|e| e.to_string()).and_then(|session| {
             may_go(&session, run, keep_days, now).map(|()| format!("goes, ended {}", session.ended.unwrap_or_default()))

@@ -2,12 +2,11 @@
 
 use super::daemon;
 use super::error::print_line;
-use super::serve::read_rig;
+use super::on_rig::OnRig;
 use crate::devices::Cancel;
 use crate::session::bench::Bench;
 use crate::store::Store;
 use anyhow::{Context, bail};
-use std::path::PathBuf;
 
 /// Stop the arm, switch the lamp off and park, where no daemon does.
 ///
@@ -16,12 +15,8 @@ use std::path::PathBuf;
 /// rig file.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Rig file.
-    #[arg(long)]
-    config: PathBuf,
-    /// Directory of all sessions, as for rigd serve. Wins over the rig file.
-    #[arg(long)]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    on: OnRig,
 }
 
 /// Runs the command.
@@ -29,10 +24,9 @@ pub struct Args {
 /// # Errors
 /// A daemon that runs, or what could not be done, and what to do by hand.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let (rig, _) = read_rig(&args.config)?;
-    let data = args.data.as_ref().unwrap_or(&rig.storage.data);
+    let rig = args.on.read()?;
     // Held until the end: a daemon that starts meanwhile must not meet a moving arm.
-    let _held = Store::open(data, 0).context("nothing was touched")?;
+    let _held = Store::open(&rig.storage.data, 0).context("nothing was touched")?;
     let (open_arm, open_camera) = daemon::devices(&rig)?;
     let faults = Bench::new(rig, open_arm, open_camera, Vec::new(), true, &Cancel::default()).clean_up();
     if !faults.is_empty() {

@@ -119,7 +119,7 @@ impl<'a> Acquisition<'a> {
             (ledger.taken_up() > 0, ledger.attempts(), ledger.snapshot.time_budget.clone().unwrap_or_default())
         })?;
         let calibrated = work.capture().is_some_and(|plan| plan.calibration.is_some());
-        let witness = Witness::new(witness::part(rig, work.capture().is_some(), calibrated));
+        let witness = Witness::new(witness::part(rig, calibrated));
         let now = book.clock.elapsed();
         Some(Self {
             id,

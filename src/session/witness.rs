@@ -61,7 +61,7 @@ struct Seen {
     look: Look,
 }
 
-/// What the frames of a run say of each other.
+/// What the frames of a session say of each other.
 pub struct Witness {
     part: [usize; 4],
     /// What its earlier frames show: station and exposure by the hash of their pixels.
@@ -231,9 +231,9 @@ impl Witness {
 }
 
 /// What is looked at: the object, where a session knows where it stands (`calibrated`: only roughly); all of the frame where not.
-pub fn part(rig: &Rig, sample: bool, calibrated: bool) -> [usize; 4] {
-    let crop = crop::of_session(rig, calibrated).filter(|_| sample);
-    crop.map_or([0, 0, rig.camera.width, rig.camera.height], |c| [c.x, c.y, c.width, c.height])
+pub fn part(rig: &Rig, calibrated: bool) -> [usize; 4] {
+    crop::of_session(rig, calibrated)
+        .map_or([0, 0, rig.camera.width, rig.camera.height], |c| [c.x, c.y, c.width, c.height])
 }
 
 /// True if a lamp on the arm at this angle lights the half of the object that the camera sees.

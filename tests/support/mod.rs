@@ -5,6 +5,7 @@ mod description;
 pub mod disk;
 pub mod jpeg;
 mod processing;
+pub mod sighted;
 
 #[allow(unused_imports, reason = "each test file uses its part")]
 pub use description::{LEVEL, PARK, SIZE, rig};
@@ -20,6 +21,7 @@ use rigd::session::bench::OpenArm;
 use rigd::session::calibration::file::CalibrationFile;
 use rigd::session::engine::{EngineParts, start};
 use rigd::session::handle::{EngineError, EngineHandle, SessionSnapshot};
+use rigd::session::plan::StartRequest;
 use rigd::session::processing::{Next, OpenBracket};
 use rigd::session::state::SessionState;
 use rigd::store::Store;
@@ -249,6 +251,24 @@ pub fn wait_for(engine: &EngineHandle, id: &str, state: SessionState) -> Session
 
 pub fn begin(engine: &EngineHandle) -> String {
     engine.start(&Default::default(), None).unwrap().snapshot.id
+}
+
+/// Shoots until `frames` are committed, then the daemon ends; the session's id.
+pub fn ended_after(fakes: &Fakes, data: &Path, request: &StartRequest, frames: usize) -> String {
+    fakes.on_shot(move |_, count, cancel| {
+        if count == frames {
+            until("the cancel", || cancel.is_cancelled());
+            return Act::Fail(CameraError::Cancelled);
+        }
+        Act::Good
+    });
+    let engine = fakes.engine(data);
+    let id = engine.start(request, None).unwrap().snapshot.id;
+    until("the shot", || fakes.world().shots.len() == frames + 1);
+    engine.shutdown().unwrap();
+    fakes.on_shot(|_, _, _| Act::Good);
+    assert_eq!(engine.session(&id).unwrap().state, SessionState::Interrupted);
+    id
 }
 
 pub fn events(engine: &EngineHandle, id: &str, kind: &str) -> Vec<Value> {

@@ -6,12 +6,11 @@ mod devices;
 
 use super::daemon;
 use super::error::print_line;
-use super::serve::read_rig;
+use super::on_rig::OnRig;
 use crate::devices::inspect::{Finding, Grade, Host};
 use crate::store::RealDisk;
 use crate::store::files::escaped;
 use rig_config::{CameraDriver, Rig};
-use std::path::PathBuf;
 
 /// Find what would keep a session from running: devices and who holds them, permissions, camera mode and worker, disk, clock.
 ///
@@ -19,12 +18,8 @@ use std::path::PathBuf;
 /// Exit status: 0 all well (warnings allowed), 1 something keeps a session from running, 2 wrong usage or a bad rig file.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Rig file.
-    #[arg(long)]
-    config: PathBuf,
-    /// Directory of all sessions, as for rigd serve. Wins over the rig file.
-    #[arg(long)]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    on: OnRig,
     /// Print the findings as a JSON array and nothing else.
     #[arg(long)]
     json: bool,
@@ -32,29 +27,23 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let rig = match read_rig(&args.config) {
-        Ok((rig, _)) => rig,
+    let rig = match args.on.read() {
+        Ok(rig) => rig,
         Err(error) => {
             if args.json {
                 let remedy = "correct the rig file; `rigd config show zheng-2008` explains the keys";
-                print(&[Finding::error(args.config.display(), format!("{error:#}"), remedy)], true)?;
+                print(&[Finding::error(args.on.config.display(), format!("{error:#}"), remedy)], true)?;
             }
             return Err(error);
         }
     };
-    let rig = Rig { storage: storage(&rig, args), ..rig };
-    let mut findings = vec![Finding::ok(args.config.display(), format!("sound ({})", rig.name))];
+    let mut findings = vec![Finding::ok(args.on.config.display(), format!("sound ({})", rig.name))];
     findings.extend(examine(&Host::this(), &rig)?);
     print(&findings, args.json)?;
     match findings.iter().filter(|finding| finding.grade == Grade::Error).count() {
         0 => Ok(()),
         errors => anyhow::bail!("{errors} of {} findings keep a session from running", findings.len()),
     }
-}
-
-fn storage(rig: &Rig, args: &Args) -> rig_config::Storage {
-    let data = args.data.clone().unwrap_or_else(|| rig.storage.data.clone());
-    rig_config::Storage { data, ..rig.storage.clone() }
 }
 
 /// Everything but the rig file itself.

@@ -13,7 +13,8 @@ pub(super) fn log(session: &str, record: &Value) {
         | "bracket.rejected"
         | "frame.lost"
         | "calibration.doubted"
-        | "session.doubted" => {
+        | "session.doubted"
+        | "lamp.unsteady" => {
             tracing::warn!(session, seq, station, exposure, frame, reason, "{kind}");
         }
         "frame.committed" | "station.developed" | "fit.finished" | "fault.cleared" => {
