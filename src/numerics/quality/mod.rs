@@ -6,7 +6,7 @@ mod light;
 mod look;
 mod transfer;
 
-pub use compare::{Compared, Doubt, brighter, compare};
+pub use compare::{Compared, Doubt, brighter, compare, expected_error};
 pub use light::{Ball, Light, Place, between};
 pub use look::Look;
 pub use transfer::Transfers;
