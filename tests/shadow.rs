@@ -199,27 +199,34 @@ fn measure(stated: Stated, seeds: std::ops::Range<u64>, count: usize, slips_deg:
     tally
 }
 
-fn prove(exactly: std::ops::Range<u64>, roughly: std::ops::Range<u64>, slips_deg: &[f64]) {
-    let measured = [(Stated::Exactly, exactly), (Stated::Roughly, roughly)]
-        .map(|(stated, seeds)| (stated, measure(stated, seeds, 7, slips_deg)));
-    for (stated, tally) in measured {
-        assert!(tally.refused.len() * 10_000 <= tally.sound, "{:#?}", tally.refused);
-        assert!(tally.found("side", 10) >= 0.999, "{stated:?}");
-    }
+/// The least slip that is found in 999 of 1 000 brackets lit from the side, degrees.
+fn least_slip_deg(stated: Stated) -> i64 {
+    if stated == Stated::Exactly { 10 } else { 15 }
 }
 
 #[test]
 fn the_lamp_is_seen_where_it_stands_and_slips_are_found() {
-    prove(1..7, 1..5, &[10.0]);
+    for (stated, seeds) in [(Stated::Exactly, 1..7), (Stated::Roughly, 1..5)] {
+        let least = least_slip_deg(stated);
+        let tally = measure(stated, seeds, 7, &[least as f64]);
+        assert!(tally.refused.is_empty(), "{:#?}", tally.refused);
+        assert!(tally.found("side", least) >= 0.999, "{stated:?}");
+    }
 }
 
 /// `cargo test --test shadow -- --ignored --nocapture` prints the table of docs/quality.md.
 #[test]
 #[ignore = "minutes: cargo test --test shadow -- --ignored --nocapture"]
 fn ten_thousand_sound_brackets_are_not_refused() {
-    let exact = measure(Stated::Exactly, 2001..2013, 181, &[]);
-    assert!(exact.refused.is_empty(), "{:#?}", exact.refused);
-    prove(1001..2201, 1001..1301, &SLIPS_DEG);
+    for (stated, nights, sessions, slipping) in
+        [(Stated::Exactly, 2001..2009, 1001..2201, 3001..3101), (Stated::Roughly, 2001..2003, 1001..1201, 3001..3041)]
+    {
+        let slips = measure(stated, slipping, 7, &SLIPS_DEG);
+        assert!(slips.found("side", least_slip_deg(stated)) >= 0.999, "{stated:?}");
+        for tally in [measure(stated, nights, 181, &[]), measure(stated, sessions, 7, &[]), slips] {
+            assert!(tally.refused.len() * 10_000 <= tally.sound, "{:#?}", tally.refused);
+        }
+    }
 }
 
 /// The rig file's zero is wrong by seven degrees: told once, and no bracket is refused. A slip of twelve on top of that is.

@@ -21,7 +21,7 @@ impl Acquisition<'_> {
                 None => Ok(()),
             };
         };
-        self.record("bracket.rejected", json!({"station": station, "reason": reason}))?;
+        self.record("bracket.rejected", json!({"station": station, "whole": true, "reason": reason}))?;
         if std::mem::replace(&mut self.arm_doubted, true) {
             return Err(Ended::Interrupted(format!("{ASTRAY}; {reason}")).into());
         }
