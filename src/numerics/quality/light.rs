@@ -136,7 +136,7 @@ impl Ball {
         let expected = self.fit(&task, at(expected_deg), true, &EDGES)?;
         let mut best = self.fit(&task, expected.at, false, &EDGES[2..])?;
         let far_deg = self.guess(&task, at)?;
-        if between(far_deg, best.at.z).abs() > APART as f64 {
+        if best.misfit > UNLIKE || between(far_deg, best.at.z).abs() > APART as f64 {
             let far = self.fit(&task, at(far_deg), true, &EDGES[..1])?;
             let far = self.fit(&task, far.at, false, &EDGES[1..])?;
             best = if far.misfit < best.misfit { far } else { best };
@@ -150,12 +150,12 @@ impl Ball {
         };
         let worse = (away.misfit - best.misfit).max(1e-9);
         let sigma_deg = between(away.at.z, best.at.z).abs() * (NOISE / worse).sqrt();
-        let sigma_deg = sigma_deg.hypot(self.edge_error_deg(&lamp(best.at.z)));
+        let edge_deg = self.edge_error_deg(&lamp(best.at.z)).max(self.edge_error_deg(&lamp(expected_deg)));
         let least = PLACE_ERROR.1 * self.sphere.radius;
         let sigma_mm = best.variance_mm2.map(|variance| (PLACE_ERROR.0 * variance.sqrt()).hypot(least));
         (best.misfit <= UNLIKE).then_some(Light {
             angle_deg: expected_deg + off,
-            sigma_deg: sigma_deg.min(180.0),
+            sigma_deg: sigma_deg.hypot(edge_deg).min(180.0),
             place: Place { shift_mm: [best.at.x, best.at.y], sigma_mm },
         })
     }
