@@ -94,6 +94,7 @@ impl Ledger {
             warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
             refused: 0,
             last_refusal: None,
+            interruptions: 0,
             mean_relative_error: None,
             time_budget: None,
             lamp_drift: None,
@@ -206,6 +207,7 @@ impl Ledger {
         if let Ok(state) = SessionState::deserialize(&record["state"]) {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
+                self.snapshot.interruptions += 1;
                 self.lighting += 1;
                 self.described = false;
                 self.snapshot.ended = None;
