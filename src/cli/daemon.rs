@@ -67,7 +67,7 @@ impl Daemon {
             open_arm: arm_factory(&rig, &pose)?,
             open_camera: camera_factory(&rig, &pose, &operator, &body)?,
             remedies: camera_remedies(&rig, &body),
-            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?,
+            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?.with_index(),
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
             rig_text,
