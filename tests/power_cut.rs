@@ -87,7 +87,7 @@ fn cuts_with_engine_and_worker_side_by_side_lose_nothing() {
 }
 
 #[test]
-#[ignore = "an hour: cargo test --test power_cut a_million -- --ignored --nocapture"]
+#[ignore = "an hour: cargo test --release --test power_cut a_million -- --ignored --nocapture"]
 fn a_million_cuts_at_random_lose_nothing() {
     cut_often(1 << 32, 1_000_000, true);
 }

@@ -67,8 +67,9 @@ fn the_first_bracket_waits_for_a_lamp_that_warms_up() {
     let end = wait_for(&engine, &id, S::Completed);
     let (tested, steady) = (events(&engine, &id, "lamp.tested"), events(&engine, &id, "lamp.steady"));
     assert_eq!(steady.len(), 1);
-    // A change of less than 0.3 % within 20 s: 0.2 exp(-t / 30) is down to 0.6 % when they begin, after 105 s.
-    assert!(tested.len() >= 8, "{tested:?}");
+    // A change of less than 0.3 % within 20 s: 0.2 exp(-t / 30) is down to 0.6 % when they begin, after 105 s; more frames than the
+    // three of a steady lamp, how many depends on how long each takes.
+    assert!(tested.len() > 3, "{tested:?}");
     assert!(tested.iter().enumerate().all(|(i, test)| test["frame"] == i + 1), "{tested:?}");
     let burnt = stage.burnt.lock().unwrap().clone();
     let session = &burnt[burnt.len() - FRAMES..];

@@ -3,6 +3,7 @@
 //! once it is shot, verified, on disk and journalled, in this order.
 
 mod adaptive;
+mod broken;
 mod burst;
 mod clock;
 mod frames;
@@ -85,6 +86,8 @@ pub struct Acquisition<'a> {
     bracket: usize,
     /// It goes on with a session that was interrupted.
     resumed: bool,
+    /// The station whose bracket the interruption broke, until it was seen whether that can go on.
+    broken: Option<usize>,
     recoveries: usize,
     last: Option<Fingerprint>,
     /// What the pictures say of each other.
@@ -135,6 +138,7 @@ impl<'a> Acquisition<'a> {
             attempts,
             bracket,
             resumed,
+            broken: None,
             recoveries: 0,
             last: None,
             rung: 0,
@@ -288,9 +292,12 @@ impl<'a> Acquisition<'a> {
     }
 
     fn shoot_bracket(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
-        self.bracket += 1;
-        self.witness.begin();
-        self.expose(station, angle_deg)?;
+        let kept = self.keep_broken(station, angle_deg)?;
+        if kept.is_empty() {
+            self.bracket += 1;
+            self.witness.begin();
+        }
+        self.expose(station, angle_deg, kept)?;
         if let Some(drift) = self.witness.finish() {
             let Drift { exposure, change, sigma } = drift;
             let fields = json!({"station": station, "exposure": exposure, "change": change, "sigma": sigma});

@@ -6,7 +6,7 @@ use super::crop;
 use super::plan::third_stop;
 use crate::devices::camera::Shot;
 use crate::numerics::image::Image;
-use crate::numerics::quality::{Doubt, Look, Transfers, compare};
+use crate::numerics::quality::{Doubt, Look, Transfers, brighter, compare, expected_error};
 use crate::pipeline::decode::decode_into;
 use rig_config::Rig;
 use std::collections::{BTreeMap, HashMap};
@@ -228,6 +228,34 @@ impl Witness {
         order.sort_by(|a, b| far(a).total_cmp(&far(b)).then(b.exposure.cmp(&a.exposure)));
         order.into_iter().take(COMPARED)
     }
+}
+
+/// True if the frame, shot again, would tell whether the light is the same.
+pub fn can_tell(look: &Look) -> bool {
+    4.0 * expected_error(look) <= STEADY
+}
+
+/// Whether a frame shows what an earlier one of its exposure shows, under the same light: by how much it is brighter, relative, and the
+/// standard error of that.
+///
+/// # Errors
+/// What differs, or that too little is seen to tell.
+pub fn agree(earlier: &Look, again: &Look) -> Result<(f64, f64), String> {
+    let compared = compare(earlier, again, 1.0, None);
+    if let Some(doubt) = compared.iter().flat_map(|c| &c.doubts).next() {
+        return Err(words(doubt, "it", "the frame before the interruption"));
+    }
+    let Some((change, sigma)) = brighter(earlier, again).filter(|(_, sigma)| 4.0 * sigma <= STEADY) else {
+        return Err("too little of it is well exposed to tell".into());
+    };
+    if change.abs() > STEADY {
+        return Err(format!(
+            "the lamp changed by {:+.1} %, at most {:.1} % were expected",
+            100.0 * change,
+            100.0 * STEADY
+        ));
+    }
+    Ok((change.exp_m1(), sigma))
 }
 
 /// What is looked at: the object, where a session knows where it stands (`calibrated`: only roughly); all of the frame where not.

@@ -1,5 +1,6 @@
 //! The data directory: its lock, its runs (sessions and calibrations), and the room that is left.
 
+use super::files::read_bytes;
 use super::journal::{self, Journal};
 use super::manifest::{self, CALIBRATIONS, Manifest, SESSIONS};
 use super::{
@@ -254,6 +255,12 @@ impl FrameWriter {
         let needed = (bytes.len() as u64).saturating_add(self.reserve_bytes);
         frames::write(self.disk.as_ref(), &self.directory, name, bytes)
             .map_err(|error| error.with_need(self.disk.as_ref(), needed))
+    }
+
+    /// A committed frame of so many bytes; why it cannot be read, in words.
+    pub fn read(&self, name: &str, bytes: u64) -> Result<Vec<u8>, String> {
+        let path = self.directory.join(name);
+        read_bytes(&path, "frame", bytes).map_err(|reason| format!("{}: {reason}", path.display()))
     }
 
     /// Whether a committed frame is still what it was; why not, in words.

@@ -130,6 +130,14 @@ pub fn brighter(first: &Look, second: &Look) -> Option<(f64, f64)> {
     (both.len() >= ENOUGH).then(|| exposure(&both, 1.0, false))
 }
 
+/// The standard error to be expected of [`brighter`] if the frame is shot again; infinite where too little of it is well exposed.
+pub fn expected_error(look: &Look) -> f64 {
+    let both = seen_in_both(look, look, 1.0, None);
+    let variance = |(_, _, level): &(Sample, Sample, f64)| (f64::from(NOISE) / assumed_slope(*level)).powi(2);
+    let (n, sum) = (both.len() as f64, both.iter().map(variance).sum::<f64>());
+    if both.len() < ENOUGH { f64::INFINITY } else { 1.3 * (2.0 * sum).sqrt() / n }
+}
+
 /// The lit samples are dark, those that are bright by prediction or, where the second is exposed longer, the brightest hundredth.
 fn black(first: &Look, second: &Look, both: &[(Sample, Sample, f64)], ratio: f64) -> Option<Doubt> {
     let lit: Vec<(f64, f64)> =

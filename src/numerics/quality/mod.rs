@@ -5,6 +5,6 @@ mod compare;
 mod look;
 mod transfer;
 
-pub use compare::{Compared, Doubt, brighter, compare};
+pub use compare::{Compared, Doubt, brighter, compare, expected_error};
 pub use look::Look;
 pub use transfer::Transfers;

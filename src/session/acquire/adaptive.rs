@@ -9,9 +9,8 @@ use serde_json::json;
 use std::sync::mpsc::sync_channel;
 
 impl Acquisition<'_> {
-    /// The exposures of a bracket, one after the other.
-    pub(super) fn expose(&mut self, station: usize, angle_deg: f64) -> Result<(), Trouble> {
-        let mut shot = Vec::new();
+    /// The exposures of a bracket, one after the other; some may be `shot` already.
+    pub(super) fn expose(&mut self, station: usize, angle_deg: f64, mut shot: Vec<usize>) -> Result<(), Trouble> {
         // The first station shows the response and which ratios the exposures have: it is shot whole.
         let mut metered =
             station > 0 && self.work.capture().is_some_and(|p| p.adaptive.as_ref().is_some_and(|a| a.exposures));

@@ -14,8 +14,7 @@ const DEVICES_WAIT_S: [f64; 3] = [1.0, 5.0, 20.0];
 
 impl Acquisition<'_> {
     /// The stations still to be shot. What an earlier run of the session committed is believed by its hashes, and whole brackets that
-    /// are not developed go to the worker, after the first, whose response it needs for all; the lamp was off in between, so a bracket
-    /// that is not whole is shot again from its first exposure.
+    /// are not developed go to the worker, after the first, whose response it needs for all; the last bracket may go on where it was.
     pub(super) fn adopt(&mut self) -> Result<Vec<usize>, Ended> {
         let committed: Vec<FrameRecord> =
             self.book.look(self.id, |entry| entry.ledger.frames().cloned().collect()).unwrap_or_default();
@@ -36,6 +35,8 @@ impl Acquisition<'_> {
         for station in waiting {
             self.hand_over(|session| Job::Develop { session, station })?;
         }
+        let last = |entry: &mut Entry| entry.ledger.frames().find(|f| f.bracket == self.bracket).map(|f| f.station);
+        self.broken = self.book.look(self.id, last).flatten().filter(|station| todo.contains(station));
         Ok(todo)
     }
 

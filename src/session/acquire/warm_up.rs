@@ -116,7 +116,7 @@ impl Acquisition<'_> {
     }
 
     /// A frame that does not count; the inner error says why none serves.
-    fn test_frame(&mut self, shot: &Shot, angle_deg: f64) -> Result<Result<Look, String>, Trouble> {
+    pub(super) fn test_frame(&mut self, shot: &Shot, angle_deg: f64) -> Result<Result<Look, String>, Trouble> {
         let mut why = String::new();
         for _ in 0..TRIES {
             self.safe_point()?;

@@ -17,7 +17,7 @@ pub(super) fn log(session: &str, record: &Value) {
         | "lamp.unsteady" => {
             tracing::warn!(session, seq, station, exposure, frame, reason, "{kind}");
         }
-        "frame.committed" | "station.developed" | "fit.finished" | "fault.cleared" => {
+        "frame.committed" | "bracket.resumed" | "station.developed" | "fit.finished" | "fault.cleared" => {
             tracing::info!(session, seq, station, exposure, frame, "{kind}");
         }
         _ => tracing::debug!(session, seq, station, exposure, frame, "{kind}"),
