@@ -294,7 +294,7 @@ impl EngineHandle {
         Ok(self.book.lock().session(id)?.snapshot())
     }
 
-    /// Changes with every journal record of any session; the value is the total count of records. Watch it, then read the journal.
+    /// Changes with every journal record of any run and with its removal; the value counts them. Watch it, then read the journal.
     pub fn changes(&self) -> tokio::sync::watch::Receiver<u64> {
         self.book.changes()
     }

@@ -331,16 +331,21 @@ impl Ledger {
         self.developed.contains(&station)
     }
 
-    /// Every frame ever committed, with the field `state`: `committed` or `superseded`.
+    /// Every frame ever committed, by station, exposure and attempt, each with its state: `committed`, or `superseded`.
+    pub fn labelled(&self) -> Vec<(&FrameRecord, &'static str)> {
+        let mut list: Vec<_> = self.frames.values().map(|frame| (frame, "committed")).collect();
+        list.extend(self.superseded.iter().map(|frame| (frame, "superseded")));
+        list.sort_by_key(|(frame, _)| (frame.station, frame.exposure, frame.attempt));
+        list
+    }
+
+    /// The same as JSON, the state in the field `state`.
     pub fn frame_list(&self) -> Vec<Value> {
-        let labelled = |frame: &FrameRecord, state: &str| {
+        let json = |(frame, state): (&FrameRecord, &str)| {
             let mut value = serde_json::to_value(frame).unwrap_or_default();
             value["state"] = json!(state);
             value
         };
-        let mut list: Vec<_> = self.frames.values().map(|frame| (frame, "committed")).collect();
-        list.extend(self.superseded.iter().map(|frame| (frame, "superseded")));
-        list.sort_by_key(|(frame, _)| (frame.station, frame.exposure, frame.attempt));
-        list.into_iter().map(|(frame, state)| labelled(frame, state)).collect()
+        self.labelled().into_iter().map(json).collect()
     }
 }

@@ -132,7 +132,7 @@ pub trait Processing: Send {
     fn weigh(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Weighed, String>;
     /// Judges a step of a calibration; with the last one, writes the calibration. An error ends the run.
     fn judge(&mut self, job: &StepJob) -> Result<Judged, String>;
-    /// Fits and writes `result/`; returns the report.
+    /// Fits and writes `result/`; returns the report and, as `parameters`, the materials of material.json: what the journal tells of it.
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String>;
 }
 
@@ -286,7 +286,9 @@ impl Processing for PipelineProcessing {
         keep::directory(job.disk.as_ref(), &finished, |unfinished| {
             store::result::write(unfinished, &result).map_err(|e| e.to_string())
         })?;
-        read_json(&finished.join("report.json"))
+        let mut told = read_json(&finished.join("report.json"))?;
+        told["parameters"] = json!(result.material.materials);
+        Ok(told)
     }
 }
 

@@ -76,7 +76,7 @@ fn remove(book: &Book, session: &SessionSnapshot) {
             Err(error) => return tracing::error!(session = id, %error, "a session that may go is not removed"),
         }
     };
-    book.nudge();
+    book.tell();
     let (name, ended) = (session.name.as_str(), session.ended.as_deref());
     match disk.remove_directory(&grave) {
         Ok(()) => tracing::info!(session = id, name, ended, "removed after its time (storage.keep_days)"),

@@ -80,6 +80,10 @@ pub struct Fault {
     pub lack: Option<Lack>,
 }
 
+/// What the journal tells of a fit.
+const TOLD: [&str; 7] =
+    ["mean_relative_error", "left_out_relative_error", "iterations", "termination", "model", "materials", "parameters"];
+
 /// Starts the worker's thread; it ends with [`Job::End`], or when every sender is gone.
 pub fn spawn(
     book: Arc<Book>,
@@ -272,9 +276,8 @@ impl Worker {
     fn journal_fit(&self, session: &str, result: &Result<Value, String>) {
         let fields = match result {
             Ok(report) => {
-                let keys = ["mean_relative_error", "left_out_relative_error", "iterations", "termination"];
                 let mut fields = json!({"error": null});
-                for key in keys {
+                for key in TOLD {
                     fields[key] = report[key].clone();
                 }
                 fields

@@ -26,6 +26,7 @@ pub struct Store {
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     lock: Option<File>,
+    indexed: bool,
 }
 
 /// A session found on disk.
@@ -57,12 +58,22 @@ impl Store {
             TryLockError::Error(error) => io_error("lock", &path, &error),
         })?;
         let clock = Arc::new(RealClock::default());
-        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, clock, lock: Some(lock) })
+        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, clock, lock: Some(lock), indexed: false })
     }
 
     /// The same with another clock than the machine's.
     pub fn with_clock(self, clock: Arc<dyn Clock>) -> Self {
         Self { clock, ..self }
+    }
+
+    /// The same with an index, which the engine keeps.
+    pub fn with_index(self) -> Self {
+        Self { indexed: true, ..self }
+    }
+
+    /// The data directory of which an index is to be kept; none where none is.
+    pub fn indexed(&self) -> Option<&Path> {
+        self.indexed.then_some(self.directory.as_path())
     }
 
     /// The clock that times its records.

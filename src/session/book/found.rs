@@ -25,6 +25,7 @@ impl Inner {
         let unfinished = !ledger.snapshot.state.is_final();
         let entry = Entry {
             ledger,
+            head: journal.head.clone(),
             manifest,
             work,
             directory,
@@ -34,7 +35,7 @@ impl Inner {
             tail: VecDeque::new(),
         };
         self.runs.insert(id.clone(), entry);
-        if let Some(fault) = journal.fault {
+        if let Some(fault) = journal.head.fault {
             self.distrust(&id, &fault);
         } else if unfinished && let Err(error) = self.interrupt(&id) {
             // One damaged directory must not keep the daemon, and with it the lamp's switch, from starting.
