@@ -199,8 +199,21 @@ impl Ledger {
     fn apply_refusal(&mut self, kind: &str, record: &Value) {
         self.snapshot.refused += 1;
         let what = if kind == "bracket.rejected" { "bracket" } else { "frame" };
+        if record["whole"] == true
+            && let Some(station) = record["station"].as_u64().and_then(|s| usize::try_from(s).ok())
+        {
+            self.refuse_bracket(station);
+        }
         let reason = record["reason"].as_str().unwrap_or_default();
         self.snapshot.last_refusal = Some(format!("station {}: {what} refused: {reason}", record["station"]));
+    }
+
+    /// None of its frames counts, though they are all there.
+    fn refuse_bracket(&mut self, station: usize) {
+        let cells: Vec<_> = self.frames.range((station, 0)..=(station, usize::MAX)).map(|(&cell, _)| cell).collect();
+        self.superseded.extend(cells.iter().filter_map(|cell| self.frames.remove(cell)));
+        self.snapshot.frames_committed = self.frames.len();
+        self.outdate(station);
     }
 
     fn apply_state(&mut self, record: &Value) {
