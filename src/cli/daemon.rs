@@ -67,11 +67,7 @@ impl Daemon {
             open_arm: arm_factory(&rig, &pose)?,
             open_camera: camera_factory(&rig, &pose, &operator, &body)?,
             remedies: camera_remedies(&rig, &body),
-<<<<<<< HEAD
-            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes)?,
-=======
-            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?.with_index(),
->>>>>>> c3452c9333188b4825e150c8dc8656af3f58652b
+            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes)?.with_index(),
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
             rig_text,

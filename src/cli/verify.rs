@@ -13,11 +13,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed. What is sound gets a
-<<<<<<< HEAD
-/// `verified.json` that says so, what is not loses it.
-=======
-/// `verified.json` that says so. What the index of the data directory says of it is held against its journal as well.
->>>>>>> c3452c9333188b4825e150c8dc8656af3f58652b
+/// `verified.json` that says so, what is not loses it. What the index of the data directory says is held against the journals as well.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Directories of sessions or calibrations, or a data directory: then all that is in it.
@@ -75,10 +71,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-<<<<<<< HEAD
-/// Verifies a run and writes beside it that it is sound (`verified.json`), or takes that back. A run that cannot be read at all is one
-/// with a fault.
-=======
 /// The index is made of the journals: that it is missing or behind is no fault.
 fn with_index(run: Verified, directory: &Path) -> Found {
     let (mut index_faults, mut notes) = (Vec::new(), Vec::new());
@@ -100,8 +92,8 @@ fn with_index(run: Verified, directory: &Path) -> Found {
     Found { run, index_faults, notes }
 }
 
-/// Verifies a run and, when it is sound, writes that down beside it (`verified.json`). A run that cannot be read at all is one with a fault.
->>>>>>> c3452c9333188b4825e150c8dc8656af3f58652b
+/// Verifies a run and writes beside it that it is sound (`verified.json`), or takes that back. A run that cannot be read at all is one
+/// with a fault.
 fn checked(run: &Path) -> Verified {
     let begun = Record::begin(run, SOFTWARE);
     let found = verify(run);
