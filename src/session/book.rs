@@ -56,6 +56,8 @@ pub struct Inner {
     pub ended: bool,
     /// What waits.
     pub queue: Queue,
+    /// Sessions whose refit waits or runs, one entry a refit: they are not removed.
+    pub refits: Vec<String>,
     /// Why the queue waits although an entry is due, if so; a user who changes the queue ends the wait.
     pub queue_waits: Option<String>,
     /// Why arm or camera could not be used last time.
@@ -159,6 +161,7 @@ impl Book {
             shutdown: false,
             ended: false,
             queue,
+            refits: Vec::new(),
             queue_waits: None,
             device_fault: None,
             lamp_fault: false,
@@ -291,6 +294,13 @@ impl Inner {
         self.runs.insert(id.clone(), entry);
         self.pending = Some(id.clone());
         self.entry(&id)
+    }
+
+    /// A refit of this session is over.
+    pub fn refitted(&mut self, id: &str) {
+        if let Some(at) = self.refits.iter().position(|refit| refit == id) {
+            self.refits.remove(at);
+        }
     }
 
     /// Changes the queue; a change that cannot be written is not made.

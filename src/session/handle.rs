@@ -24,7 +24,7 @@ use super::work::Work;
 use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
-use crate::store::manifest::{Idempotency, Manifest};
+use crate::store::manifest::{self, Idempotency, Manifest};
 pub use lamp::LampStatus;
 pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
@@ -254,7 +254,7 @@ impl EngineHandle {
 
     fn manifest(&self, name: &str, plan: &impl Serialize) -> Result<Manifest, EngineError> {
         Ok(Manifest {
-            format: 1,
+            format: manifest::FORMAT,
             id: self.book.clock.new_id().to_string(),
             name: name.to_owned(),
             started: self.book.clock.now().to_string(),
@@ -339,7 +339,9 @@ impl EngineHandle {
 
     /// Queues a refit of a finished session on the fitting worker.
     pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
-        let inner = self.book.lock();
+        let mut inner = self.book.lock();
+        // The lamp is lit while a run waits for the worker.
+        inner.check_idle()?;
         let entry = inner.session(id)?;
         let (snapshot, lights) = (entry.snapshot(), entry.ledger.stations());
         let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
@@ -352,6 +354,7 @@ impl EngineHandle {
             TrySendError::Full(_) => busy(),
             TrySendError::Disconnected(_) => EngineError::Gone,
         })?;
+        inner.refits.push(id.to_owned());
         Ok(snapshot)
     }
 

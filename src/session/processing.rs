@@ -19,7 +19,7 @@ use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, FitResult, OnProgress, cpu_seconds, fit};
 use crate::pipeline::metering::Metering;
 use crate::store::dataset::SessionLight;
-use crate::store::files::read_text;
+use crate::store::files::{read_bytes, read_text};
 use crate::store::manifest::Manifest;
 use crate::store::{self, Disk, keep};
 use rig_config::Rig;
@@ -311,7 +311,7 @@ fn times_of(bracket: &Bracket, developed: &Developed) -> Value {
 /// Reads a frame of the run in `directory`; it must be the one that was journalled.
 pub(super) fn read_frame(directory: &Path, frame: &FrameRecord) -> Result<Vec<u8>, String> {
     let path = directory.join("frames").join(&frame.file);
-    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let bytes = read_bytes(&path, "frame", frame.bytes).map_err(|e| format!("{}: {e}", path.display()))?;
     if blake3::hash(&bytes).to_hex().as_str() != frame.blake3 {
         return Err(format!("{} is not the frame that was journalled: it was changed on disk", path.display()));
     }

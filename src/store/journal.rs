@@ -52,6 +52,14 @@ pub struct Read {
     pub head: Head,
 }
 
+impl Read {
+    /// The first record that is not of the run `id`, in words.
+    pub fn foreign(&self, id: &str) -> Option<String> {
+        let other = self.records.iter().find(|record| record["session"] != id)?;
+        Some(format!("record {} is of {}, not of {id}: the journal of another run", other["seq"], other["session"]))
+    }
+}
+
 /// Reads a journal piece by piece, as it grows, without changing it.
 pub struct Follower {
     path: PathBuf,

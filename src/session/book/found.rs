@@ -22,6 +22,7 @@ impl Inner {
         let mut ledger = Ledger::new(&manifest, &work);
         journal.records.iter().for_each(|record| ledger.apply(record));
         let id = manifest.id.clone();
+        let fault = journal.head.fault.clone().or_else(|| journal.foreign(&id));
         let unfinished = !ledger.snapshot.state.is_final();
         let entry = Entry {
             ledger,
@@ -35,7 +36,7 @@ impl Inner {
             tail: VecDeque::new(),
         };
         self.runs.insert(id.clone(), entry);
-        if let Some(fault) = journal.head.fault {
+        if let Some(fault) = fault {
             self.distrust(&id, &fault);
         } else if unfinished && let Err(error) = self.interrupt(&id) {
             // One damaged directory must not keep the daemon, and with it the lamp's switch, from starting.
