@@ -2,8 +2,8 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, logging, merge, notify, queue, relight, retention, safe, serve,
-    session, simulate, study, verify,
+    bench, calibrate, config, demo, doctor, error, fit, history, index, logging, merge, notify, queue, relight,
+    retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -27,6 +27,10 @@ enum Command {
     Merge(merge::Args),
     Verify(verify::Args),
     Retention(retention::Args),
+    History(history::Args),
+    /// The index of a data directory, out of which `rigd history` answers.
+    #[command(subcommand)]
+    Index(index::Index),
     /// Calibrate the rig of a running daemon, or from photographs in a folder.
     #[command(subcommand)]
     Calibrate(calibrate::Calibrate),
@@ -63,6 +67,8 @@ fn main() -> ExitCode {
         Command::Merge(args) => merge::run(args),
         Command::Verify(args) => verify::run(&args),
         Command::Retention(args) => retention::run(&args),
+        Command::History(args) => history::run(&args),
+        Command::Index(command) => index::run(&command),
         Command::Calibrate(step) => calibrate::run(&step),
         Command::Config(args) => config::run(&args),
         Command::Doctor(args) => doctor::run(&args),

@@ -130,7 +130,7 @@ fn session(daemon: &Daemon, id: &str) -> Value {
 fn check_session(directory: &Path) -> usize {
     let path = directory.join(journal::FILE);
     let read = journal::read(&path).unwrap();
-    assert_eq!(read.fault, None, "{}", path.display());
+    assert_eq!(read.head.fault, None, "{}", path.display());
     assert_eq!(read.length, std::fs::metadata(&path).unwrap().len(), "{}: a torn line is left", path.display());
     let mut files = BTreeSet::new();
     for frame in read.records.iter().filter(|r| r["type"] == "frame.committed") {

@@ -169,7 +169,7 @@ fn a_bad_rig_file_is_wrong_usage_and_still_an_array() {
 #[test]
 fn another_daemon_on_the_data_directory_is_named_and_its_arm_left_alone() {
     let data = tempfile::tempdir().unwrap();
-    let lock = std::fs::File::create(data.path().join("lock")).unwrap();
+    let lock = std::fs::File::open(data.path()).unwrap();
     lock.lock().unwrap();
     let said = doctor(shipped(), data.path());
     assert_eq!(said.status, Some(0), "{:?}", said.findings);

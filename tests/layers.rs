@@ -132,7 +132,7 @@ fn may_use(rule: Option<&Rule>, top: &str, path: &[String], packages: &HashSet<S
     let axum_here = top == "http" || ROOT.contains(&top);
     let foreign_to_numerics = packages.contains(&path[0]) && !NUMERIC_PACKAGES.contains(&path[0].as_str());
     !(is_under_any(path, AXUM) && !axum_here
-        || is_under(path, "exr") && top != "store"
+        || is_under_any(path, &["exr", "rusqlite"]) && top != "store"
         || top == "numerics" && foreign_to_numerics
         || rule.is_some_and(|rule| is_under_any(path, rule.never)))
 }
@@ -315,6 +315,7 @@ mod checker {
             ("http/routes.rs", "use crate::numerics as n;"),
             ("store/frames.rs", "#[axum::debug_handler]\nfn f() {}"),
             ("cli/merge.rs", "use exr::prelude::*;"),
+            ("cli/history.rs", "use rusqlite::Connection;"),
             ("sim/world.rs", "use crate::numerics::fit::weights;"),
             ("sim/world.rs", "use crate::numerics::{brdf, radiometry::merge::merge};"),
             ("extra.rs", ""),

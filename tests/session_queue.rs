@@ -7,6 +7,7 @@ use rigd::devices::camera::CameraError;
 use rigd::session::handle::{EngineError, EngineHandle, QueueRequest};
 use rigd::session::plan::StartRequest;
 use rigd::session::state::{SessionState as S, Verb};
+use std::sync::atomic::Ordering;
 use support::{Act, Fakes, begin, until, wait_for};
 
 fn named(name: &str) -> QueueRequest {
@@ -234,4 +235,72 @@ fn users_and_queue_share_the_rig() {
     wait_for(&engine, &own, S::Stopped);
     until_empty(&engine);
     assert_eq!(history(&engine)[1], ("queued".to_owned(), S::Completed));
+}
+
+#[test]
+fn a_queue_that_waits_for_room_says_so_and_tries_at_once_when_it_is_released() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let engine = fakes.engine(data.path());
+    fakes.disk.free.store(100, Ordering::SeqCst);
+    engine.enqueue(&named("large")).unwrap();
+    until("the wait", || engine.queue().waits.is_some());
+    let waits = engine.queue().waits.unwrap();
+    assert!(waits.contains("100 are free"), "{waits}");
+    assert_eq!(engine.queue_stands(), Some(waits));
+    assert!(engine.sessions().is_empty());
+    assert!(matches!(engine.plan(&StartRequest::default()), Err(EngineError::NoSpace { .. })), "a dry run tells");
+    fakes.disk.free.store(u64::MAX, Ordering::SeqCst);
+    engine.hold_queue(false).unwrap();
+    until_empty(&engine);
+    assert_eq!((engine.queue().waits, engine.queue_stands()), (None, None));
+    assert_eq!(history(&engine), completed(&["large"]));
+}
+
+#[test]
+fn a_queue_file_with_senseless_values_is_refused() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let engine = fakes.engine(data.path());
+    engine.hold_queue(true).unwrap();
+    engine.enqueue(&QueueRequest { runs: 2, every_s: Some(60.0), ..named("hourly") }).unwrap();
+    engine.shutdown().unwrap();
+    drop(engine);
+    let path = data.path().join("queue.json");
+    let good = std::fs::read_to_string(&path).unwrap();
+    for (from, to) in [
+        ("\"every_s\": 60.0", "\"every_s\": -1"),
+        ("\"every_s\": 60.0", "\"every_s\": 1e300"),
+        ("\"not_before\": null", "\"not_before\": \"tomorrow 22:00\""),
+        ("\"runs\": 2", "\"runs\": 0"),
+        ("\"started\": 0", "\"started\": 4294967295"),
+    ] {
+        assert!(good.contains(from), "{good}");
+        std::fs::write(&path, good.replace(from, to)).unwrap();
+        let refused = fakes.try_engine(data.path(), support::rig()).err().unwrap().to_string();
+        assert!(refused.contains("queue.json") && refused.contains("entry"), "{to}: {refused}");
+    }
+    std::fs::remove_file(&path).unwrap();
+    nix::unistd::mkfifo(&path, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let refused = fakes.try_engine(data.path(), support::rig()).err().unwrap().to_string();
+    assert!(refused.contains("queue.json") && refused.contains("FIFO"), "{refused}");
+}
+
+/// A clock that was ten years ahead once set the time of the next run.
+#[test]
+fn a_repeated_entry_does_not_wait_longer_than_from_run_to_run() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let engine = fakes.engine(data.path());
+    engine.enqueue(&QueueRequest { runs: 2, every_s: Some(3600.0), ..named("hourly") }).unwrap();
+    let ended = |q: &rigd::session::handle::QueuedSession| q.entry.last.as_ref().is_some_and(|run| run.ended.is_some());
+    until("the first run", || engine.queue().entries.first().is_some_and(ended));
+    engine.shutdown().unwrap();
+    drop(engine);
+    let path = data.path().join("queue.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let year = Timestamp::now().to_string()[..4].to_owned();
+    let ahead = (year.parse::<u32>().unwrap() + 10).to_string();
+    let at = text.find("\"not_before\": \"").unwrap() + 15;
+    std::fs::write(&path, format!("{}{ahead}{}", &text[..at], &text[at + 4..])).unwrap();
+    let engine = fakes.engine(data.path());
+    until_empty(&engine);
+    assert_eq!(history(&engine), completed(&["hourly", "hourly"]));
 }

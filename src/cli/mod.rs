@@ -7,6 +7,8 @@ pub mod demo;
 pub mod doctor;
 pub mod error;
 pub mod fit;
+pub mod history;
+pub mod index;
 pub mod logging;
 pub mod merge;
 pub mod notify;

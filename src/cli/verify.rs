@@ -2,15 +2,18 @@
 
 use super::error::{bad_input, print_line};
 use crate::session::SOFTWARE;
+use crate::session::index::{CheckError, check};
 use crate::session::verify::{Verified, verify};
 use crate::store::RealDisk;
+use crate::store::index::{IndexError, Reader};
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
-use crate::store::verified::Record;
+use crate::store::verified::{Record, withdraw};
 use anyhow::bail;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed. What is sound gets a
-/// `verified.json` that says so.
+/// `verified.json` that says so, what is not loses it. What the index of the data directory says is held against the journals as well.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Directories of sessions or calibrations, or a data directory: then all that is in it.
@@ -21,7 +24,18 @@ pub struct Args {
     json: bool,
 }
 
-/// Runs the command; fails when anything is not what was committed.
+/// A run, and what the index of its data directory says of it.
+#[derive(Serialize)]
+struct Found {
+    #[serde(flatten)]
+    run: Verified,
+    /// In what the index contradicts the journal.
+    index_faults: Vec<String>,
+    /// What is no fault.
+    notes: Vec<String>,
+}
+
+/// Runs the command; fails when anything is not what was committed, or the index says something else.
 ///
 /// # Errors
 /// A directory that is none, or holds nothing to check; anything that is not what it was.
@@ -37,29 +51,60 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         all.extend(runs);
     }
-    let found: Vec<Verified> = all.iter().map(|run| checked(run)).collect();
+    let found: Vec<Found> = all.iter().map(|run| with_index(checked(run), run)).collect();
     if args.json {
         print_line(serde_json::to_string_pretty(&found)?)?;
     } else {
         found.iter().try_for_each(show)?;
     }
-    let bad = found.iter().filter(|run| !run.faults.is_empty()).count();
+    let bad = found.iter().filter(|found| !found.run.faults.is_empty()).count();
     if bad > 0 {
         bail!("{bad} of {} are not what was committed", found.len());
+    }
+    let misstated = found.iter().filter(|found| !found.index_faults.is_empty()).count();
+    if misstated > 0 {
+        bail!(
+            "of {misstated} of {} the index says what the journals do not: `rigd index rebuild` makes it anew; nothing else is wrong",
+            found.len()
+        );
     }
     Ok(())
 }
 
-/// Verifies a run and, when it is sound, writes that down beside it (`verified.json`). A run that cannot be read at all is one with a fault.
+/// The index is made of the journals: that it is missing or behind is no fault.
+fn with_index(run: Verified, directory: &Path) -> Found {
+    let (mut index_faults, mut notes) = (Vec::new(), Vec::new());
+    let data = directory.parent().and_then(Path::parent);
+    match data.map(Reader::open) {
+        None => {}
+        Some(Err(IndexError::Missing { .. })) => notes.push("no index beside it".into()),
+        Some(Err(error)) => index_faults.push(error.to_string()),
+        Some(Ok(index)) => match check(&index, directory) {
+            Ok(checked) => {
+                index_faults = checked.contradictions;
+                notes.extend(checked.note);
+            }
+            // What keeps the run from being read is told already.
+            Err(CheckError::Store(_)) => {}
+            Err(error) => index_faults.push(error.to_string()),
+        },
+    }
+    Found { run, index_faults, notes }
+}
+
+/// Verifies a run and writes beside it that it is sound (`verified.json`), or takes that back. A run that cannot be read at all is one
+/// with a fault.
 fn checked(run: &Path) -> Verified {
     let begun = Record::begin(run, SOFTWARE);
     let found = verify(run);
-    if let (Ok(record), Ok(found)) = (begun, &found)
-        && found.faults.is_empty()
-        && let Err(error) = record.write(&RealDisk, run, found.frames)
-    {
-        // An archive that cannot be written is no less sound.
-        tracing::warn!(%error, "that it was verified is not written down");
+    let sound = found.as_ref().ok().filter(|found| found.faults.is_empty());
+    let noted = match (begun, sound) {
+        (Ok(record), Some(found)) => record.write(&RealDisk, run, found.frames),
+        _ => withdraw(&RealDisk, run),
+    };
+    if let Err(error) = noted {
+        // An archive that cannot be written is as sound as it is.
+        tracing::warn!(%error, "what was found is not written down");
     }
     found.unwrap_or_else(|error| Verified {
         id: run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
@@ -70,10 +115,12 @@ fn checked(run: &Path) -> Verified {
     })
 }
 
-fn show(run: &Verified) -> std::io::Result<()> {
+fn show(found: &Found) -> std::io::Result<()> {
+    let run = &found.run;
     let verdict = if run.faults.is_empty() { "sound" } else { "NOT SOUND" };
     print_line(format!("{}  {}  {} records, {} frames: {verdict}", run.id, run.state, run.records, run.frames))?;
-    run.faults.iter().try_for_each(|fault| print_line(format!("  {fault}")))
+    run.faults.iter().chain(&found.index_faults).try_for_each(|fault| print_line(format!("  {fault}")))?;
+    found.notes.iter().try_for_each(|note| print_line(format!("  note: {note}")))
 }
 
 /// The directory itself when it is a run; the runs in it when it is a data directory.

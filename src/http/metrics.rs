@@ -3,7 +3,7 @@
 use super::problem::Problem;
 use super::{HttpState, ask};
 use crate::notify::Count;
-use crate::session::handle::{LampStatus, SessionSnapshot};
+use crate::session::handle::{EngineHandle, LampStatus, SessionSnapshot};
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -21,14 +21,16 @@ use std::sync::atomic::AtomicU64;
     (status = 200, body = String, content_type = "application/openmetrics-text; version=1.0.0; charset=utf-8", description = "OpenMetrics text."),
 ))]
 pub(super) async fn metrics(State(state): State<HttpState>) -> Result<Response, Problem> {
-    let (sessions, lamp) = ask(&state, |engine| Ok((engine.sessions(), engine.lamp()))).await?;
-    let text = text(&sessions, &lamp, &state.notifications).map_err(|_| Problem::internal())?;
+    let look = |engine: &EngineHandle| Ok((engine.sessions(), engine.lamp(), engine.index_fault()));
+    let (sessions, lamp, index_fault) = ask(&state, look).await?;
+    let text = text(&sessions, &lamp, index_fault, &state.notifications).map_err(|_| Problem::internal())?;
     Ok(([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text).into_response())
 }
 
 fn text(
     sessions: &[SessionSnapshot],
     lamp: &LampStatus,
+    index_fault: bool,
     notifications: &[Arc<Count>],
 ) -> Result<String, std::fmt::Error> {
     let mut registry = Registry::with_prefix("rigd");
@@ -46,6 +48,9 @@ fn text(
     let hours = Gauge::<f64, AtomicU64>::default();
     hours.set(lamp.hours);
     registry.register("lamp_hours", "Hours the lamp was lit", hours);
+    let faulty = Gauge::<i64>::default();
+    faulty.set(i64::from(index_fault));
+    registry.register("index_fault", "1 while the index cannot be written; sessions go on without it", faulty);
     if let Some(remaining) = sessions.iter().filter(|s| !s.state.is_final()).find_map(|s| s.remaining_s) {
         let gauge = Gauge::<f64, AtomicU64>::default();
         gauge.set(remaining);

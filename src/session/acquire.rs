@@ -24,7 +24,7 @@ use super::shadow::Shadow;
 use super::state::Event;
 use super::witness::{self, Drift, Witness};
 use super::work::Work;
-use super::worker::Job;
+use super::worker::{self, Job};
 use crate::devices::arm::{ArmError, ArmStatus};
 use crate::devices::camera::RawFrame;
 use crate::store::sessions::FrameWriter;
@@ -326,11 +326,14 @@ impl<'a> Acquisition<'a> {
 
     /// Gives the worker a job of this run.
     fn hand_over(&self, job: impl FnOnce(String) -> Job) -> Result<(), Ended> {
-        let mut job = job(self.id.to_owned());
+        let (mut job, begin) = (job(self.id.to_owned()), self.now());
         loop {
             match self.worker.try_send(job) {
                 Ok(()) => return Ok(()),
                 Err(TrySendError::Disconnected(_)) => return Err(Ended::Failed("the worker has ended".into())),
+                Err(TrySendError::Full(_)) if self.since(begin) > worker::PATIENCE => {
+                    return Err(Ended::Interrupted(worker::HANGS.into()));
+                }
                 Err(TrySendError::Full(again)) => {
                     job = again;
                     self.wait_for_worker()?;

@@ -18,7 +18,7 @@ use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
 use super::work::Work;
 use super::worker::Fault;
 use crate::devices::Cancel;
-use crate::store::journal::Journal;
+use crate::store::journal::{Head, Journal};
 use crate::store::manifest::{self, Manifest};
 use crate::store::sessions::FrameWriter;
 use crate::store::{Clock, Store, StoreError};
@@ -56,10 +56,16 @@ pub struct Inner {
     pub ended: bool,
     /// What waits.
     pub queue: Queue,
+    /// Sessions whose refit waits or runs, one entry a refit: they are not removed.
+    pub refits: Vec<String>,
+    /// Why the queue waits although an entry is due, if so; a user who changes the queue ends the wait.
+    pub queue_waits: Option<String>,
     /// Why arm or camera could not be used last time.
     pub device_fault: Option<String>,
     /// That fault is a lamp that may be on.
     pub lamp_fault: bool,
+    /// The index cannot be written.
+    pub index_fault: bool,
     /// How long the lamp was lit.
     pub lamp: LampHours,
 }
@@ -68,6 +74,8 @@ pub struct Inner {
 pub struct Entry {
     /// What its journal says.
     pub ledger: Ledger,
+    /// How far that goes.
+    pub head: Head,
     /// What was meant to happen.
     pub manifest: Manifest,
     /// The plan as accepted.
@@ -153,8 +161,11 @@ impl Book {
             shutdown: false,
             ended: false,
             queue,
+            refits: Vec::new(),
+            queue_waits: None,
             device_fault: None,
             lamp_fault: false,
+            index_fault: false,
             lamp,
         };
         // One that cannot be read may have been running.
@@ -179,7 +190,7 @@ impl Book {
         self.changes.subscribe()
     }
 
-    /// Tells everyone who watches that a record was added. Called without the lock: a watcher may look at the book at once.
+    /// Tells everyone who watches that a record was added, or a run removed. Called without the lock: a watcher may look at the book at once.
     pub fn tell(&self) {
         self.changes.send_modify(|count| *count += 1);
         self.changed.notify_all();
@@ -277,12 +288,19 @@ impl Inner {
         let mut ledger = Ledger::new(&manifest, &work);
         ledger.apply(&record);
         let id = manifest.id.clone();
-        let tail = VecDeque::from([record]);
+        let (tail, head) = (VecDeque::from([record]), journal.head().clone());
         let journal = Some(journal);
-        let entry = Entry { ledger, manifest, work, directory, pace, worker_fault: None, journal, tail };
+        let entry = Entry { ledger, head, manifest, work, directory, pace, worker_fault: None, journal, tail };
         self.runs.insert(id.clone(), entry);
         self.pending = Some(id.clone());
         self.entry(&id)
+    }
+
+    /// A refit of this session is over.
+    pub fn refitted(&mut self, id: &str) {
+        if let Some(at) = self.refits.iter().position(|refit| refit == id) {
+            self.refits.remove(at);
+        }
     }
 
     /// Changes the queue; a change that cannot be written is not made.
@@ -336,6 +354,7 @@ impl Inner {
             None => self.store.open_journal(&entry.directory, &entry.manifest)?,
         };
         let record = journal.append(kind, fields);
+        entry.head.clone_from(journal.head());
         entry.journal = Some(journal);
         let record = record?;
         entry.ledger.apply(&record);

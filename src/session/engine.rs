@@ -5,6 +5,7 @@ use super::acquire::{Acquisition, Ended};
 use super::bench::{Bench, OpenArm, OpenCamera, Remedy};
 use super::book::{Book, Entry, Next};
 use super::handle::{EngineError, EngineHandle, FitRequest};
+use super::index::Indexer;
 use super::processing::Processing;
 use super::queue;
 use super::retention;
@@ -15,6 +16,7 @@ use crate::store::{Store, StoreError};
 use rig_config::Rig;
 use serde_json::json;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -53,6 +55,7 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
         return Err(EngineError::Storage(format!("simulation.speed is {speed}: it must be a positive number")));
     }
     let unsafe_before = store.is_marked_unsafe();
+    let indexed = store.indexed().map(Path::to_path_buf);
     let (book, interrupted) = Book::open(store, speed)?;
     let book = Arc::new(book);
     let no_thread = |e: std::io::Error| EngineError::Storage(format!("no thread for the engine: {e}"));
@@ -64,7 +67,8 @@ pub fn start(parts: EngineParts) -> Result<EngineHandle, EngineError> {
         resume(&book, &rig_text);
     }
     let engine = Engine { rig: rig.clone(), book: Arc::clone(&book), bench, jobs: jobs.clone(), speed };
-    let end = End { book: Arc::clone(&book), jobs: jobs.clone(), worker: Some(worker) };
+    let index = indexed.map(|data| Indexer::spawn(Arc::clone(&book), data)).transpose().map_err(no_thread)?;
+    let end = End { book: Arc::clone(&book), jobs: jobs.clone(), worker: Some(worker), index };
     let run = move || {
         let _end = end;
         engine.run();
@@ -86,16 +90,17 @@ fn resume(book: &Book, rig_text: &str) {
     let (id, taken_up) = (entry.manifest.id.clone(), entry.ledger.taken_up());
     if taken_up >= TAKEN_UP {
         tracing::error!(session = id, taken_up, "not taken up again: the daemon ended every time without a new frame");
-        return;
+        let why = format!(
+            "not taken up again: the daemon ended {taken_up} times without a new frame; look into its log, then resume the session"
+        );
+        return inner.append_reason(&id, &why);
     }
     match inner.take_up(&id, rig_text, "taken up again after the daemon ended") {
-        Ok(_) => tracing::info!(session = id, "taken up again"),
+        // As loud as the end before it.
+        Ok(_) => tracing::warn!(session = id, "taken up again"),
         Err(error) => {
             tracing::error!(session = id, %error, "not taken up again");
-            if let Some(entry) = inner.runs.get_mut(&id) {
-                let reason = entry.ledger.snapshot.reason.take().unwrap_or_default();
-                entry.ledger.snapshot.reason = Some(format!("{reason}; not taken up again: {error}"));
-            }
+            inner.append_reason(&id, &format!("not taken up again: {error}"));
         }
     }
 }
@@ -246,12 +251,13 @@ impl Engine {
     }
 }
 
-/// Says that the engine has ended, even when its thread panicked, then waits for the worker: nothing of this process writes after
-/// that, so the data directory is let go.
+/// Says that the engine has ended, even when its thread panicked, then waits for worker and index: nothing of this process writes
+/// after that, so the data directory is let go.
 struct End {
     book: Arc<Book>,
     jobs: SyncSender<Job>,
     worker: Option<JoinHandle<()>>,
+    index: Option<Indexer>,
 }
 
 impl Drop for End {
@@ -261,6 +267,9 @@ impl Drop for End {
         // Either fails only where the worker has ended by itself, which is what is waited for.
         let _ = self.jobs.send(Job::End);
         let _ = self.worker.take().map(JoinHandle::join);
+        if let Some(index) = self.index.take() {
+            index.end();
+        }
         self.book.lock().store.release();
         self.book.nudge();
     }

@@ -24,7 +24,7 @@ use super::work::Work;
 use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
-use crate::store::manifest::{Idempotency, Manifest};
+use crate::store::manifest::{self, Idempotency, Manifest};
 pub use lamp::LampStatus;
 pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
@@ -77,6 +77,9 @@ pub struct SessionSnapshot {
     pub refused: usize,
     /// Why the last of them did not, in words.
     pub last_refusal: Option<String>,
+    /// How often it was interrupted and went on.
+    #[serde(default)]
+    pub interruptions: usize,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
     /// Where the time went, as of the last whole station; null before the first.
@@ -208,7 +211,10 @@ impl EngineHandle {
 
     /// The plan a request would run (dry run): checks everything, moves nothing.
     pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, EngineError> {
-        self.planned(&self.book.lock(), request).map(|(plan, _)| plan)
+        let inner = self.book.lock();
+        let (plan, _) = self.planned(&inner, request)?;
+        inner.store.check_space(plan.estimated_bytes)?;
+        Ok(plan)
     }
 
     /// The plan, and the text of the calibration it uses.
@@ -248,7 +254,7 @@ impl EngineHandle {
 
     fn manifest(&self, name: &str, plan: &impl Serialize) -> Result<Manifest, EngineError> {
         Ok(Manifest {
-            format: 1,
+            format: manifest::FORMAT,
             id: self.book.clock.new_id().to_string(),
             name: name.to_owned(),
             started: self.book.clock.now().to_string(),
@@ -288,7 +294,7 @@ impl EngineHandle {
         Ok(self.book.lock().session(id)?.snapshot())
     }
 
-    /// Changes with every journal record of any session; the value is the total count of records. Watch it, then read the journal.
+    /// Changes with every journal record of any run and with its removal; the value counts them. Watch it, then read the journal.
     pub fn changes(&self) -> tokio::sync::watch::Receiver<u64> {
         self.book.changes()
     }
@@ -333,7 +339,9 @@ impl EngineHandle {
 
     /// Queues a refit of a finished session on the fitting worker.
     pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
-        let inner = self.book.lock();
+        let mut inner = self.book.lock();
+        // The lamp is lit while a run waits for the worker.
+        inner.check_idle()?;
         let entry = inner.session(id)?;
         let (snapshot, lights) = (entry.snapshot(), entry.ledger.stations());
         let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
@@ -346,6 +354,7 @@ impl EngineHandle {
             TrySendError::Full(_) => busy(),
             TrySendError::Disconnected(_) => EngineError::Gone,
         })?;
+        inner.refits.push(id.to_owned());
         Ok(snapshot)
     }
 

@@ -94,6 +94,7 @@ impl Ledger {
             warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
             refused: 0,
             last_refusal: None,
+            interruptions: 0,
             mean_relative_error: None,
             time_budget: None,
             lamp_drift: None,
@@ -219,6 +220,7 @@ impl Ledger {
         if let Ok(state) = SessionState::deserialize(&record["state"]) {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
+                self.snapshot.interruptions += 1;
                 self.lighting += 1;
                 self.described = false;
                 self.snapshot.ended = None;
@@ -342,16 +344,21 @@ impl Ledger {
         self.developed.contains(&station)
     }
 
-    /// Every frame ever committed, with the field `state`: `committed` or `superseded`.
+    /// Every frame ever committed, by station, exposure and attempt, each with its state: `committed`, or `superseded`.
+    pub fn labelled(&self) -> Vec<(&FrameRecord, &'static str)> {
+        let mut list: Vec<_> = self.frames.values().map(|frame| (frame, "committed")).collect();
+        list.extend(self.superseded.iter().map(|frame| (frame, "superseded")));
+        list.sort_by_key(|(frame, _)| (frame.station, frame.exposure, frame.attempt));
+        list
+    }
+
+    /// The same as JSON, the state in the field `state`.
     pub fn frame_list(&self) -> Vec<Value> {
-        let labelled = |frame: &FrameRecord, state: &str| {
+        let json = |(frame, state): (&FrameRecord, &str)| {
             let mut value = serde_json::to_value(frame).unwrap_or_default();
             value["state"] = json!(state);
             value
         };
-        let mut list: Vec<_> = self.frames.values().map(|frame| (frame, "committed")).collect();
-        list.extend(self.superseded.iter().map(|frame| (frame, "superseded")));
-        list.sort_by_key(|(frame, _)| (frame.station, frame.exposure, frame.attempt));
-        list.into_iter().map(|(frame, state)| labelled(frame, state)).collect()
+        self.labelled().into_iter().map(json).collect()
     }
 }

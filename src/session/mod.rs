@@ -8,6 +8,7 @@ pub mod calibration;
 pub mod crop;
 pub mod engine;
 pub mod handle;
+pub mod index;
 mod lamp;
 mod ledger;
 pub mod plan;

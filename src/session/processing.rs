@@ -19,7 +19,7 @@ use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
 use crate::pipeline::fit::{FitOptions, FitResult, OnProgress, cpu_seconds, fit};
 use crate::pipeline::metering::Metering;
 use crate::store::dataset::SessionLight;
-use crate::store::files::read_text;
+use crate::store::files::{read_bytes, read_text};
 use crate::store::manifest::Manifest;
 use crate::store::{self, Disk, keep};
 use rig_config::Rig;
@@ -132,7 +132,7 @@ pub trait Processing: Send {
     fn weigh(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Weighed, String>;
     /// Judges a step of a calibration; with the last one, writes the calibration. An error ends the run.
     fn judge(&mut self, job: &StepJob) -> Result<Judged, String>;
-    /// Fits and writes `result/`; returns the report.
+    /// Fits and writes `result/`; returns the report and, as `parameters`, the materials of material.json: what the journal tells of it.
     fn fit(&mut self, job: &FitJob, progress: OnProgress<'_>) -> Result<Value, String>;
 }
 
@@ -286,7 +286,9 @@ impl Processing for PipelineProcessing {
         keep::directory(job.disk.as_ref(), &finished, |unfinished| {
             store::result::write(unfinished, &result).map_err(|e| e.to_string())
         })?;
-        read_json(&finished.join("report.json"))
+        let mut told = read_json(&finished.join("report.json"))?;
+        told["parameters"] = json!(result.material.materials);
+        Ok(told)
     }
 }
 
@@ -309,7 +311,7 @@ fn times_of(bracket: &Bracket, developed: &Developed) -> Value {
 /// Reads a frame of the run in `directory`; it must be the one that was journalled.
 pub(super) fn read_frame(directory: &Path, frame: &FrameRecord) -> Result<Vec<u8>, String> {
     let path = directory.join("frames").join(&frame.file);
-    let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let bytes = read_bytes(&path, "frame", frame.bytes).map_err(|e| format!("{}: {e}", path.display()))?;
     if blake3::hash(&bytes).to_hex().as_str() != frame.blake3 {
         return Err(format!("{} is not the frame that was journalled: it was changed on disk", path.display()));
     }

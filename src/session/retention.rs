@@ -63,8 +63,9 @@ fn remove(book: &Book, session: &SessionSnapshot) {
     let (grave, disk) = {
         let mut inner = book.lock();
         let unchanged = |entry: &Entry| entry.ledger.snapshot == *session;
-        let queued = inner.queue.running().is_some_and(|(_, running)| running == id);
-        if inner.shutdown || queued || !inner.runs.get(id).is_some_and(unchanged) {
+        let wanted = inner.queue.running().is_some_and(|(_, running)| running == id)
+            || inner.refits.iter().any(|refit| refit == id);
+        if inner.shutdown || wanted || !inner.runs.get(id).is_some_and(unchanged) {
             return;
         }
         let Some(directory) = inner.runs.get(id).map(|entry| entry.directory.clone()) else { return };
@@ -76,7 +77,7 @@ fn remove(book: &Book, session: &SessionSnapshot) {
             Err(error) => return tracing::error!(session = id, %error, "a session that may go is not removed"),
         }
     };
-    book.nudge();
+    book.tell();
     let (name, ended) = (session.name.as_str(), session.ended.as_deref());
     match disk.remove_directory(&grave) {
         Ok(()) => tracing::info!(session = id, name, ended, "removed after its time (storage.keep_days)"),

@@ -30,7 +30,8 @@ pub struct Verified {
 /// [`StoreError`] when there is no readable manifest or journal.
 pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
     let (manifest, journal, ledger) = read(directory)?;
-    let mut faults: Vec<String> = journal.fault.iter().map(|fault| format!("journal.jsonl: {fault}")).collect();
+    let mut faults: Vec<String> = journal.head.fault.iter().map(|fault| format!("journal.jsonl: {fault}")).collect();
+    faults.extend(journal.foreign(&manifest.id).map(|fault| format!("journal.jsonl: {fault}")));
     let shelf = directory.join("frames");
     let (mut sound, mut known) = (0, BTreeSet::new());
     for frame in ledger.every_frame() {

@@ -23,6 +23,12 @@ const QUEUE: usize = 2;
 /// Least time between two `fit.progress` records.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
 
+/// Longest wait for the worker while the lamp is lit: no step of it takes so long unless its disk hangs.
+pub const PATIENCE: Duration = Duration::from_secs(1800);
+/// Why a run ends whose worker does not answer within it.
+pub const HANGS: &str =
+    "developing and fitting have not gone on for half an hour: does the disk hang? restart the daemon, then resume";
+
 /// Something for the worker to do.
 pub enum Job {
     /// Develop a complete bracket.
@@ -80,6 +86,10 @@ pub struct Fault {
     pub lack: Option<Lack>,
 }
 
+/// What the journal tells of a fit.
+const TOLD: [&str; 7] =
+    ["mean_relative_error", "left_out_relative_error", "iterations", "termination", "model", "materials", "parameters"];
+
 /// Starts the worker's thread; it ends with [`Job::End`], or when every sender is gone.
 pub fn spawn(
     book: Arc<Book>,
@@ -121,9 +131,10 @@ impl Worker {
                     let result = self.fit(&session, request);
                     let outcome = result.as_ref().map(|_| ()).map_err(|reason| self.fault(&session, reason));
                     self.journal_fit(&session, &result);
-                    if let Some(done) = done {
+                    match done {
                         // The engine may have gone on without the fit.
-                        let _ = done.send(outcome);
+                        Some(done) => drop(done.send(outcome)),
+                        None => self.book.lock().refitted(&session),
                     }
                 }
             }
@@ -272,9 +283,8 @@ impl Worker {
     fn journal_fit(&self, session: &str, result: &Result<Value, String>) {
         let fields = match result {
             Ok(report) => {
-                let keys = ["mean_relative_error", "left_out_relative_error", "iterations", "termination"];
                 let mut fields = json!({"error": null});
-                for key in keys {
+                for key in TOLD {
                     fields[key] = report[key].clone();
                 }
                 fields
@@ -285,7 +295,7 @@ impl Worker {
     }
 }
 
-/// Waits for the worker's answer, unless the run is aborted or the daemon ends.
+/// Waits for the worker's answer, unless the run is aborted, the daemon ends, or it takes too long.
 pub fn answer<T>(book: &Book, id: &str, answer: &Receiver<T>) -> Result<T, Ended> {
     let look = |inner: &mut super::book::Inner| {
         if inner.shutdown {
@@ -302,11 +312,13 @@ pub fn answer<T>(book: &Book, id: &str, answer: &Receiver<T>) -> Result<T, Ended
             }
         }
     };
-    loop {
+    // In short waits: each tells the watchdog that the engine lives.
+    for _ in 0..PATIENCE.as_secs() {
         if let Some(ended) = book.wait(Duration::from_secs(1), look) {
             return ended;
         }
     }
+    Err(Ended::Interrupted(HANGS.into()))
 }
 
 /// True when nobody wants the session's work any more.

@@ -7,6 +7,7 @@ use super::files::check_regular;
 use super::{Clock, Disk, StoreError, io_error, sync_directory};
 use serde_json::{Map, Value, json};
 use std::fs::{File, OpenOptions};
+use std::io::{Read as _, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -24,10 +25,20 @@ pub struct Journal {
     clock: Arc<dyn Clock>,
     session: String,
     simulated: bool,
-    seq: u64,
-    prev: Option<String>,
+    head: Head,
     length: u64,
     unusable: Option<String>,
+}
+
+/// How far a journal goes: two journals with the same head are the same.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Head {
+    /// Records up to the first fault.
+    pub records: u64,
+    /// Hash of the last one's line; none before the first.
+    pub hash: Option<String>,
+    /// Why the rest cannot be trusted: a broken number or hash chain. A torn last line is no fault.
+    pub fault: Option<String>,
 }
 
 /// What a journal file says.
@@ -37,8 +48,50 @@ pub struct Read {
     pub records: Vec<Value>,
     /// Bytes of the file that hold those records.
     pub length: u64,
-    /// Why the rest cannot be trusted: a broken number or hash chain. A torn last line is no fault.
-    pub fault: Option<String>,
+    /// How far that goes.
+    pub head: Head,
+}
+
+impl Read {
+    /// The first record that is not of the run `id`, in words.
+    pub fn foreign(&self, id: &str) -> Option<String> {
+        let other = self.records.iter().find(|record| record["session"] != id)?;
+        Some(format!("record {} is of {}, not of {id}: the journal of another run", other["seq"], other["session"]))
+    }
+}
+
+/// Reads a journal piece by piece, as it grows, without changing it.
+pub struct Follower {
+    path: PathBuf,
+    length: u64,
+    head: Head,
+}
+
+impl Follower {
+    /// Nothing of it is read yet.
+    pub fn new(path: PathBuf) -> Self {
+        Self { path, length: 0, head: Head::default() }
+    }
+
+    /// How far it was read.
+    pub fn head(&self) -> &Head {
+        &self.head
+    }
+
+    /// The records after those already read, up to number `last`; fewer where the file holds no more that can be trusted.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn read_to(&mut self, last: u64) -> Result<Vec<Value>, StoreError> {
+        let mut bytes = Vec::new();
+        let mut file = open_regular(&self.path)?;
+        file.seek(SeekFrom::Start(self.length))
+            .and_then(|_| file.read_to_end(&mut bytes))
+            .map_err(|e| io_error("read", &self.path, &e))?;
+        let read = walk(&bytes, self.head.clone(), last);
+        (self.length, self.head) = (self.length + read.length, read.head);
+        Ok(read.records)
+    }
 }
 
 /// Reads a journal without changing it.
@@ -47,34 +100,45 @@ pub fn read(path: &Path) -> Result<Read, StoreError> {
 }
 
 /// A pipe without a writer would hang for ever, a device has no end.
-pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, StoreError> {
+fn open_regular(path: &Path) -> Result<File, StoreError> {
     let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
     check_regular(path, "journal").map_err(corrupt)?;
-    std::fs::read(path).map_err(|e| io_error("read", path, &e))
+    File::open(path).map_err(|e| io_error("open", path, &e))
 }
 
-/// Takes lines as long as each follows from the one before.
+pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, StoreError> {
+    let mut bytes = Vec::new();
+    open_regular(path)?.read_to_end(&mut bytes).map_err(|e| io_error("read", path, &e))?;
+    Ok(bytes)
+}
+
 fn parse(bytes: &[u8]) -> Read {
-    let mut read = Read::default();
-    let mut prev: Option<String> = None;
+    let mut read = walk(bytes, Head::default(), u64::MAX);
+    if read.records.is_empty() && read.head.fault.is_none() {
+        // The first record is on disk before the session has its name.
+        read.head.fault = Some("line 1: there is no whole record".into());
+    }
+    read
+}
+
+/// Takes lines after those of `head` as long as each follows from the one before, up to record number `last`.
+fn walk(bytes: &[u8], head: Head, last: u64) -> Read {
+    let mut read = Read { head, ..Read::default() };
     for line in bytes.split_inclusive(|&b| b == b'\n') {
-        let last = read.length as usize + line.len() == bytes.len();
-        let Some(text) = line.strip_suffix(b"\n") else { break };
-        match check(text, read.records.len() as u64 + 1, prev.as_deref()) {
+        let number = read.head.records + 1;
+        let at_end = read.length as usize + line.len() == bytes.len();
+        let Some(text) = line.strip_suffix(b"\n").filter(|_| number <= last) else { break };
+        match check(text, number, read.head.hash.as_deref()) {
             Ok(record) => read.records.push(record),
             // A page at the very end that never reached the disk reads as zeros; all else that is unreadable was changed.
-            Err(Fault::Unreadable(_)) if last && text.contains(&0) => break,
+            Err(Fault::Unreadable(_)) if at_end && text.contains(&0) => break,
             Err(Fault::Unreadable(reason) | Fault::Chain(reason)) => {
-                read.fault = Some(format!("line {}: {reason}", read.records.len() + 1));
+                read.head.fault = Some(format!("line {number}: {reason}"));
                 break;
             }
         }
-        prev = Some(hash(text));
+        (read.head.records, read.head.hash) = (number, Some(hash(text)));
         read.length += line.len() as u64;
-    }
-    if read.records.is_empty() && read.fault.is_none() {
-        // The first record is on disk before the session has its name.
-        read.fault = Some("line 1: there is no whole record".into());
     }
     read
 }
@@ -107,26 +171,27 @@ impl Journal {
             sync_directory(disk.as_ref(), directory)?;
         }
         let (path, session) = (path.to_path_buf(), session.to_owned());
-        Ok(Self { path, file, disk, clock, session, simulated, seq: 0, prev: None, length: 0, unusable: None })
+        Ok(Self { path, file, disk, clock, session, simulated, head: Head::default(), length: 0, unusable: None })
     }
 
     /// Opens the journal of an earlier session: cuts a torn last line, refuses a broken chain.
     pub fn open(path: &Path, session: &str, simulated: bool, (disk, clock): Machine) -> Result<Self, StoreError> {
-        let bytes = bytes_of(path)?;
-        let read = parse(&bytes);
+        let read = read(path)?;
         let path = path.to_path_buf();
-        if let Some(reason) = read.fault {
+        if let Some(reason) = read.head.fault {
             return Err(StoreError::Corrupt { path: path.display().to_string(), reason });
         }
         let mut file = OpenOptions::new().write(true).open(&path).map_err(|e| io_error("open", &path, &e))?;
         disk.cut(&mut file, read.length)
             .and_then(|()| disk.sync(&file))
             .map_err(|e| io_error("cut the torn last line of", &path, &e))?;
-        let good = bytes.get(..read.length as usize).unwrap_or_default();
-        let prev = good.split(|&b| b == b'\n').rfind(|line| !line.is_empty()).map(hash);
-        let seq = read.records.len() as u64;
-        let session = session.to_owned();
-        Ok(Self { path, file, disk, clock, session, simulated, seq, prev, length: read.length, unusable: None })
+        let (session, head, length) = (session.to_owned(), read.head, read.length);
+        Ok(Self { path, file, disk, clock, session, simulated, head, length, unusable: None })
+    }
+
+    /// How far it goes.
+    pub fn head(&self) -> &Head {
+        &self.head
     }
 
     /// Tells the journal the new name of its directory, for messages.
@@ -140,21 +205,21 @@ impl Journal {
             return Err(StoreError::Corrupt { path: self.path.display().to_string(), reason: reason.clone() });
         }
         let mut record = fields;
-        record.insert("seq".into(), json!(self.seq + 1));
+        record.insert("seq".into(), json!(self.head.records + 1));
         record.insert("time".into(), json!(self.clock.now().to_string()));
         record.insert("type".into(), json!(kind));
         record.insert("session".into(), json!(self.session));
         record.insert("simulated".into(), json!(self.simulated));
-        record.insert("prev".into(), json!(self.prev));
+        record.insert("prev".into(), json!(self.head.hash));
         let mut line = Value::Object(record).to_string().into_bytes();
         // What memory holds is what a reader of the file gets, to the last digit of a number.
         let record = serde_json::from_slice(&line)
             .map_err(|e| StoreError::Corrupt { path: self.path.display().to_string(), reason: e.to_string() })?;
-        let prev = hash(&line);
+        let hash = hash(&line);
         line.push(b'\n');
         self.write(&line)?;
-        self.seq += 1;
-        self.prev = Some(prev);
+        self.head.records += 1;
+        self.head.hash = Some(hash);
         self.length += line.len() as u64;
         Ok(record)
     }
@@ -232,8 +297,32 @@ mod tests {
             let mut journal = opened.unwrap();
             journal.append("after", Map::new()).unwrap();
             let read = read(&path).unwrap();
-            assert_eq!((read.records.len(), read.fault), (kept + 1, None), "cut at {length}");
+            assert_eq!((read.records.len(), read.head.fault), (kept + 1, None), "cut at {length}");
         }
+    }
+
+    /// A journal read in pieces is the journal read at once, wherever the pieces end and whatever is cut off behind them.
+    #[test]
+    fn followed_piece_by_piece_it_is_what_it_is_at_once() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = written(directory.path(), 4);
+        let bytes = std::fs::read(&path).unwrap();
+        let whole = read(&path).unwrap();
+        for (first, length) in (0..=5).flat_map(|first| (0..=bytes.len()).map(move |length| (first, length))) {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            let mut follower = Follower::new(path.clone());
+            let mut records = follower.read_to(first).unwrap();
+            assert!(records.len() as u64 <= first);
+            std::fs::write(&path, &bytes).unwrap();
+            records.extend(follower.read_to(u64::MAX).unwrap());
+            assert_eq!((&records, follower.head()), (&whole.records, &whole.head), "{first} of {length} bytes");
+        }
+        let changed = String::from_utf8(bytes).unwrap().replace("\"i\":2", "\"i\":7");
+        std::fs::write(&path, changed).unwrap();
+        let mut follower = Follower::new(path);
+        assert_eq!((follower.read_to(3).unwrap().len(), &follower.head().fault), (3, &None));
+        assert_eq!(follower.read_to(4).unwrap().len(), 0);
+        assert!(follower.head().fault.as_ref().is_some_and(|fault| fault.starts_with("line 4")));
     }
 
     #[test]
@@ -247,7 +336,7 @@ mod tests {
         let added = [lines[0], lines[0], lines[1]].concat();
         for (bad, line) in [(changed, "line 3"), (removed, "line 2"), (added, "line 2")] {
             std::fs::write(&path, bad).unwrap();
-            let fault = read(&path).unwrap().fault.unwrap();
+            let fault = read(&path).unwrap().head.fault.unwrap();
             assert!(fault.starts_with(line), "{fault}");
             assert!(matches!(Journal::open(&path, "s", true, machine()), Err(StoreError::Corrupt { .. })));
         }

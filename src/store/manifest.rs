@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
 
+/// Version of the file.
+pub const FORMAT: u32 = 1;
 /// File name in the session directory.
 pub const FILE: &str = "manifest.json";
 
@@ -67,6 +69,9 @@ pub fn read(directory: &Path) -> Result<Manifest, StoreError> {
     check_regular(&path, "manifest").map_err(corrupt)?;
     let bytes = std::fs::read(&path).map_err(|e| io_error("read", &path, &e))?;
     let manifest: Manifest = serde_json::from_slice(&bytes).map_err(|e| corrupt(format!("no manifest: {e}")))?;
+    if manifest.format != FORMAT {
+        return Err(corrupt(format!("it has format {}, this version reads {FORMAT}", manifest.format)));
+    }
     if directory.file_name().is_none_or(|name| name != manifest.id.as_str()) {
         return Err(corrupt(format!(
             "it is the manifest of {}: a copy must not be taken for the original",

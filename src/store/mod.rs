@@ -5,6 +5,7 @@
 //! ```text
 //! DATA/
 //!   lock                         held by the daemon while it runs: a second one is refused
+//!   index.sqlite                 what all journals say, in tables; made of them, and anew where it is missing or damaged
 //!   sessions/<uuid v7>/
 //!     manifest.json              plan, rig file, software, devices, Idempotency-Key
 //!     journal.jsonl              what happened, one JSON object a line, append-only, hash-chained
@@ -27,6 +28,7 @@ pub mod disk;
 pub mod exr;
 pub mod files;
 pub mod frames;
+pub mod index;
 pub mod journal;
 pub mod keep;
 pub mod manifest;

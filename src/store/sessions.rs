@@ -26,6 +26,7 @@ pub struct Store {
     disk: Arc<dyn Disk>,
     clock: Arc<dyn Clock>,
     lock: Option<File>,
+    indexed: bool,
 }
 
 /// A session found on disk.
@@ -39,6 +40,9 @@ pub struct Found {
     pub journal: journal::Read,
 }
 
+/// Largest file of the data directory itself, bytes.
+const LARGEST: u64 = 64 << 20;
+
 impl Store {
     /// Opens `directory` (made if missing) and locks it; `reserve_bytes` stay free for journal and shutdown.
     pub fn open(directory: &Path, reserve_bytes: u64) -> Result<Self, StoreError> {
@@ -50,19 +54,29 @@ impl Store {
         for shelf in [SESSIONS, CALIBRATIONS] {
             make_directories(disk.as_ref(), &directory.join(shelf))?;
         }
-        let path = directory.join("lock");
-        let lock = File::create(&path).map_err(|e| io_error("open", &path, &e))?;
+        // The directory itself: a file in it could be removed and made anew, and each daemon would hold its own.
+        let lock = File::open(directory).map_err(|e| io_error("open", directory, &e))?;
         lock.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => StoreError::Locked { path: path.display().to_string() },
-            TryLockError::Error(error) => io_error("lock", &path, &error),
+            TryLockError::WouldBlock => StoreError::Locked { path: directory.display().to_string() },
+            TryLockError::Error(error) => io_error("lock", directory, &error),
         })?;
         let clock = Arc::new(RealClock::default());
-        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, clock, lock: Some(lock) })
+        Ok(Self { directory: directory.to_path_buf(), reserve_bytes, disk, clock, lock: Some(lock), indexed: false })
     }
 
     /// The same with another clock than the machine's.
     pub fn with_clock(self, clock: Arc<dyn Clock>) -> Self {
         Self { clock, ..self }
+    }
+
+    /// The same with an index, which the engine keeps.
+    pub fn with_index(self) -> Self {
+        Self { indexed: true, ..self }
+    }
+
+    /// The data directory of which an index is to be kept; none where none is.
+    pub fn indexed(&self) -> Option<&Path> {
+        self.indexed.then_some(self.directory.as_path())
     }
 
     /// The clock that times its records.
@@ -105,11 +119,11 @@ impl Store {
     /// A file of the data directory itself; none if there is none.
     pub fn read_file(&self, name: &str) -> Result<Option<Vec<u8>>, StoreError> {
         let path = self.directory.join(name);
-        match std::fs::read(&path) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(io_error("read", &path, &error)),
+        if path.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound) {
+            return Ok(None);
         }
+        let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
+        read_bytes(&path, "file", LARGEST).map(Some).map_err(corrupt)
     }
 
     /// Writes such a file in place of what is there.

@@ -115,7 +115,7 @@ impl Known {
     /// The chain is whole; every acknowledged record is there; nothing is there that the daemon did not write.
     fn check_journal(&self, image: &Path, live: &Path) -> Result<Told, String> {
         let read = journal::read(&image.join(journal::FILE)).map_err(|e| e.to_string())?;
-        hold(read.fault.is_none(), || format!("the journal's chain is broken: {:?}", read.fault))?;
+        hold(read.head.fault.is_none(), || format!("the journal's chain is broken: {:?}", read.head.fault))?;
         let records = read.records.len() as u64;
         hold(records >= self.last_seq, || format!("{} records acknowledged, {records} found", self.last_seq))?;
         let text = |directory: &Path| fs::read(directory.join(journal::FILE)).unwrap();

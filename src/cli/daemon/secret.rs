@@ -1,5 +1,6 @@
 //! Files that hold secrets.
 
+use crate::store::files::check_regular;
 use std::fs::File;
 use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
@@ -13,6 +14,7 @@ const LARGEST: u64 = 64 << 10;
 /// # Errors
 /// It cannot be read, or everyone on this machine may; never with what it holds.
 pub fn read(path: &Path) -> Result<String, String> {
+    check_regular(path, "file of secrets")?;
     let file = File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
     let mode = file.metadata().map_err(|e| e.to_string())?.permissions().mode();
     if mode & 0o007 != 0 {

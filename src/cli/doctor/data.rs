@@ -53,10 +53,9 @@ pub fn memory(host: &Host, rig: &Rig) -> Option<Finding> {
 
 /// Another rigd that has the data directory, if there is one. Nothing is made or written.
 pub fn holder(host: &Host, data: &Path) -> Option<Finding> {
-    let path = data.join("lock");
-    let held = File::open(&path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)));
+    let held = File::open(data).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)));
     held.then(|| {
-        let who = holders::of(host, &path).found.first().map_or("another rigd".into(), ToString::to_string);
+        let who = holders::of(host, data).found.first().map_or("another rigd".into(), ToString::to_string);
         let what = format!("in use by {who}; arm and camera are its own and were not opened");
         Finding::warning(
             data.display(),

@@ -18,7 +18,12 @@ pub fn name(request: &Request) -> &'static str {
 
 /// The device's refusal of `request`, with what to do about it.
 pub fn refusal(request: &Request, code: ErrorCode) -> ArmError {
-    ArmError::Refused { what: name(request), reason: advice(code).to_owned() }
+    let reason = advice(code).to_owned();
+    match code {
+        // A silence of the host is its own fault, not the bench's: homed anew the arm serves again.
+        ErrorCode::HostLost | ErrorCode::Faulted => ArmError::Locked { reason },
+        _ => ArmError::Refused { what: name(request), reason },
+    }
 }
 
 /// The arm does not know where it is.
@@ -30,6 +35,9 @@ pub fn not_homed(what: &'static str) -> ArmError {
 pub fn no_faults(what: &'static str, faults: Faults) -> Result<(), ArmError> {
     if faults.is_empty() {
         return Ok(());
+    }
+    if faults == Faults::HOST_LOST {
+        return Err(ArmError::Locked { reason: advice(ErrorCode::HostLost).to_owned() });
     }
     let known = [
         (Faults::HOME_FAILED, ErrorCode::HomeFailed),

@@ -22,9 +22,11 @@ impl Inner {
         let mut ledger = Ledger::new(&manifest, &work);
         journal.records.iter().for_each(|record| ledger.apply(record));
         let id = manifest.id.clone();
+        let fault = journal.head.fault.clone().or_else(|| journal.foreign(&id));
         let unfinished = !ledger.snapshot.state.is_final();
         let entry = Entry {
             ledger,
+            head: journal.head.clone(),
             manifest,
             work,
             directory,
@@ -34,7 +36,7 @@ impl Inner {
             tail: VecDeque::new(),
         };
         self.runs.insert(id.clone(), entry);
-        if let Some(fault) = journal.fault {
+        if let Some(fault) = fault {
             self.distrust(&id, &fault);
         } else if unfinished && let Err(error) = self.interrupt(&id) {
             // One damaged directory must not keep the daemon, and with it the lamp's switch, from starting.
@@ -64,6 +66,7 @@ impl Inner {
         }
         // A state that is not final can always be interrupted.
         let _ = self.happen(id, Event::DaemonEnded, Some("the daemon ended in the middle of the session"));
+        tracing::warn!(session = id, "the daemon before this one ended in the middle of the session");
         Ok(())
     }
 }

@@ -17,4 +17,9 @@ impl EngineHandle {
         let inner = self.book.lock();
         inner.lamp_fault.then(|| inner.device_fault.clone().unwrap_or_default())
     }
+
+    /// True while the index cannot be written.
+    pub fn index_fault(&self) -> bool {
+        self.book.lock().index_fault
+    }
 }

@@ -113,7 +113,15 @@ impl QueueEntry {
     }
 
     fn is_due(&self, now: Timestamp) -> bool {
-        self.refused.is_none() && self.running().is_none() && self.not_before().is_none_or(|time| time <= now)
+        self.refused.is_none()
+            && self.running().is_none()
+            && self.not_before().is_none_or(|time| time <= now || self.is_beyond(time, now))
+    }
+
+    /// True if the next of its repeated runs is farther away than two of them are apart: the clock was wrong when it was set.
+    fn is_beyond(&self, time: Timestamp, now: Timestamp) -> bool {
+        let every_s = self.request.every_s.filter(|_| self.started > 0);
+        every_s.is_some_and(|every_s| time.duration_since(now).as_secs_f64() > every_s + 1.0)
     }
 
     /// Runs still to be started.
@@ -152,6 +160,15 @@ impl Queue {
         let queue: Self = serde_json::from_slice(&bytes).map_err(|e| corrupt(format!("it is no queue ({e})")))?;
         if queue.format != FORMAT {
             return Err(corrupt(format!("it has format {}, this version reads {FORMAT}", queue.format)));
+        }
+        for entry in &queue.entries {
+            let mut mistakes = entry.request.mistakes();
+            if entry.started > entry.request.runs {
+                mistakes.push(format!("started: {} of {} runs", entry.started, entry.request.runs));
+            }
+            if !mistakes.is_empty() {
+                return Err(corrupt(format!("entry {}: {}", entry.id, mistakes.join("; "))));
+            }
         }
         Ok(queue)
     }

@@ -1,0 +1,130 @@
+//! Brings the index up to the book: what was removed goes, what was journalled since comes in, one transaction a run.
+
+use super::account::Account;
+use crate::session::book::{Book, Inner};
+use crate::store::index::{Index, IndexError, Rows};
+use crate::store::journal::Head;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Runs whose accounts are kept, so that only what is new of their journals is read: the one that holds the rig, and one that is
+/// fitted again.
+const KEPT: usize = 2;
+
+pub(super) struct Writer {
+    data: PathBuf,
+    index: Option<Index>,
+    /// How far each run is in the index.
+    known: BTreeMap<String, Head>,
+    /// The last ones that changed, the last first.
+    kept: Vec<Followed>,
+    faulty: bool,
+}
+
+/// A run that changes.
+struct Followed {
+    account: Account,
+    written: Rows,
+}
+
+impl Writer {
+    pub(super) fn new(data: PathBuf) -> Self {
+        Self { data, index: None, known: BTreeMap::new(), kept: Vec::new(), faulty: false }
+    }
+
+    /// True after the index could not be written, until it could.
+    pub(super) fn is_faulty(&self) -> bool {
+        self.faulty
+    }
+
+    /// Brings the index up to the book, unless `stop` says that there is no time for all of it.
+    pub(super) fn bring_up(&mut self, book: &Book, stop: &dyn Fn() -> bool) {
+        let mut outcome = self.try_to(book, stop);
+        if matches!(outcome, Err(IndexError::Damaged { .. })) {
+            // Opening it anew finds the damage and makes it anew.
+            self.close();
+            outcome = self.try_to(book, stop);
+        }
+        if outcome.is_err() {
+            self.close();
+        }
+        self.tell(book, outcome.err());
+    }
+
+    fn close(&mut self) {
+        self.index = None;
+        self.kept.clear();
+    }
+
+    /// Says it once when the index cannot be written, and when it can again.
+    fn tell(&mut self, book: &Book, error: Option<IndexError>) {
+        let faulty = error.is_some();
+        match error {
+            Some(error) if !self.faulty => {
+                tracing::error!(%error, "the index is not kept; sessions go on, and it is tried again every minute");
+            }
+            None if self.faulty => tracing::info!("the index is kept again"),
+            _ => {}
+        }
+        if faulty != self.faulty {
+            book.lock().index_fault = faulty;
+        }
+        self.faulty = faulty;
+    }
+
+    fn try_to(&mut self, book: &Book, stop: &dyn Fn() -> bool) -> Result<(), IndexError> {
+        let mut index = match self.index.take() {
+            Some(index) => index,
+            None => {
+                let index = Index::open(&self.data)?;
+                self.known = index.heads()?;
+                index
+            }
+        };
+        let (removed, changed) = self.behind(&book.lock());
+        for id in removed {
+            index.remove(&id)?;
+            self.known.remove(&id);
+            self.kept.retain(|run| run.written.id != id);
+        }
+        for (id, head) in changed {
+            if stop() {
+                break;
+            }
+            self.account_for(&mut index, book, id, head)?;
+        }
+        self.index = Some(index);
+        Ok(())
+    }
+
+    /// Runs of the index that are no more, and runs of the book that the index is behind with.
+    fn behind(&self, inner: &Inner) -> (Vec<String>, Vec<(String, Head)>) {
+        let removed = self.known.keys().filter(|id| !inner.runs.contains_key(*id)).cloned().collect();
+        let changed = inner.runs.iter().filter(|(id, entry)| self.known.get(*id) != Some(&entry.head));
+        (removed, changed.map(|(id, entry)| (id.clone(), entry.head.clone())).collect())
+    }
+
+    fn account_for(&mut self, index: &mut Index, book: &Book, id: String, head: Head) -> Result<(), IndexError> {
+        let kept = self.kept.iter().position(|run| run.written.id == id).map(|at| self.kept.remove(at));
+        let (mut account, written) = match kept {
+            Some(run) => (run.account, Some(run.written)),
+            None => {
+                let new = book.look(&id, |run| Account::new(&run.directory, &run.manifest, &run.work));
+                // Removed in between.
+                let Some(new) = new else { return Ok(()) };
+                (new, None)
+            }
+        };
+        match account.read_to(head.records) {
+            Ok(()) => {
+                let rows = account.rows(head.fault.as_ref());
+                index.put(&rows, written.as_ref())?;
+                self.kept.insert(0, Followed { account, written: rows });
+                self.kept.truncate(KEPT);
+            }
+            Err(error) => tracing::warn!(session = id, %error, "a journal that cannot be read is not in the index"),
+        }
+        self.known.insert(id, head);
+        Ok(())
+    }
+}
