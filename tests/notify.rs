@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use receiver::Receiver;
 use rigd::devices::arm::ArmError;
 use rigd::notify::{Notifier, Patience, Target};
-use rigd::session::handle::EngineHandle;
+use rigd::session::handle::{EngineHandle, QueueRequest};
 use rigd::session::state::SessionState as S;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -131,8 +131,12 @@ fn a_failure_a_lamp_that_stays_on_and_a_full_disk_are_told() {
     let lamp = hook.got().into_iter().find(|told| told.json()["event"] == "lamp_fault").unwrap().json();
     assert!(lamp["text"].as_str().unwrap().contains("switch the lamp's supply off"), "{lamp}");
     fakes.on_arm(|_, _| None);
+    until("the lamp", || engine.lamp_fault().is_none());
+
+    fakes.disk.free.store(10, Ordering::SeqCst);
+    engine.enqueue(&QueueRequest::default()).unwrap();
+    until("the messages", || events() == ["completed", "failed", "lamp_fault", "no_room", "queue_stands"]);
     notifier.end();
-    assert_eq!(events(), ["completed", "failed", "lamp_fault", "no_room"]);
 }
 
 #[test]

@@ -7,6 +7,7 @@ use rigd::devices::camera::CameraError;
 use rigd::session::handle::{EngineError, EngineHandle, QueueRequest};
 use rigd::session::plan::StartRequest;
 use rigd::session::state::{SessionState as S, Verb};
+use std::sync::atomic::Ordering;
 use support::{Act, Fakes, begin, until, wait_for};
 
 fn named(name: &str) -> QueueRequest {
@@ -234,4 +235,23 @@ fn users_and_queue_share_the_rig() {
     wait_for(&engine, &own, S::Stopped);
     until_empty(&engine);
     assert_eq!(history(&engine)[1], ("queued".to_owned(), S::Completed));
+}
+
+#[test]
+fn a_queue_that_waits_for_room_says_so_and_tries_at_once_when_it_is_released() {
+    let (fakes, data) = (Fakes::default(), tempfile::tempdir().unwrap());
+    let engine = fakes.engine(data.path());
+    fakes.disk.free.store(100, Ordering::SeqCst);
+    engine.enqueue(&named("large")).unwrap();
+    until("the wait", || engine.queue().waits.is_some());
+    let waits = engine.queue().waits.unwrap();
+    assert!(waits.contains("100 are free"), "{waits}");
+    assert_eq!(engine.queue_stands(), Some(waits));
+    assert!(engine.sessions().is_empty());
+    assert!(matches!(engine.plan(&StartRequest::default()), Err(EngineError::NoSpace { .. })), "a dry run tells");
+    fakes.disk.free.store(u64::MAX, Ordering::SeqCst);
+    engine.hold_queue(false).unwrap();
+    until_empty(&engine);
+    assert_eq!((engine.queue().waits, engine.queue_stands()), (None, None));
+    assert_eq!(history(&engine), completed(&["large"]));
 }

@@ -329,3 +329,30 @@ fn a_lamp_that_burns_out_interrupts_the_session_and_says_so() {
     assert_eq!(world.reasons("frame.rejected").len(), 2);
     world.assert_at_rest();
 }
+
+#[test]
+fn a_slip_of_the_arm_is_seen_by_the_light_and_the_station_is_shot_again() {
+    let world = World::start();
+    world.frames(12);
+    world.arm.lose_steps(9.0);
+    world.completed();
+    let raised = world.reasons("fault.raised");
+    assert!(raised.len() == 1 && raised[0].contains("by the pictures"), "{raised:?}");
+    let refused = events(&world.engine, &world.id, "bracket.rejected");
+    assert!(!refused.is_empty() && refused.iter().all(|bracket| bracket["station"] == 3), "{refused:?}");
+}
+
+#[test]
+fn a_slip_that_homing_does_not_mend_interrupts_the_session_and_its_bracket_does_not_count() {
+    let world = World::start();
+    world.frames(12);
+    world.arm.slip_on_shaft(-12.0);
+    let end = world.end(S::Interrupted);
+    let reason = end.reason.unwrap();
+    assert!(
+        reason.contains("homing does not mend it: tighten the lamp") && reason.contains("by the pictures"),
+        "{reason}"
+    );
+    assert_eq!(end.frames_committed, 12, "{reason}");
+    assert_eq!(world.pose.get().lamp_permille, 0);
+}

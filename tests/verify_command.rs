@@ -44,11 +44,14 @@ fn damage_of_every_kind_is_named() {
     assert!(text.contains("completed") && text.trim_end().ends_with("70 frames: sound"), "{text}");
 
     index_of_a_real_fit(data, &session);
+    let record = session.join("verified.json");
+    assert!(record.exists());
 
     let frame = session.join("frames/003-04.jpg");
     let good = std::fs::read(&frame).unwrap();
     edit(&frame, |bytes| bytes[100] ^= 1);
     assert!(faults(&session)[0].contains("003-04.jpg is not what was committed"));
+    assert!(!record.exists(), "retention would take what is not sound for verified");
     edit(&frame, |bytes| bytes.truncate(100));
     assert!(faults(&session)[0].contains("has 100 bytes"));
     std::fs::remove_file(&frame).unwrap();
@@ -65,7 +68,7 @@ fn damage_of_every_kind_is_named() {
     std::fs::write(&journal, whole.replacen("\"attempt\":1", "\"attempt\":3", 1)).unwrap();
     assert!(faults(&session)[0].starts_with("journal.jsonl: "));
     std::fs::write(&journal, whole).unwrap();
-    assert!(faults(&session).is_empty());
+    assert!(faults(&session).is_empty() && record.exists());
 
     let nothing = rigd(&[], &session.join("frames"));
     assert_eq!(nothing.status.code(), Some(2));

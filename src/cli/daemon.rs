@@ -67,7 +67,7 @@ impl Daemon {
             open_arm: arm_factory(&rig, &pose)?,
             open_camera: camera_factory(&rig, &pose, &operator, &body)?,
             remedies: camera_remedies(&rig, &body),
-            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes).map_err(bad_input)?.with_index(),
+            store: Store::open(&rig.storage.data, rig.storage.reserve_bytes)?.with_index(),
             processing: Box::new(PipelineProcessing::new(&rig)),
             rig: rig.clone(),
             rig_text,
@@ -123,9 +123,9 @@ async fn listener(handed: Option<StdListener>, server: &Server, tokens: &Tokens)
         }
         None => {
             http::may_serve(listen.ip(), tokens).map_err(bad_input)?;
-            TcpListener::bind(listen).await.map_err(|e| {
-                bad_input(format!("cannot listen on {listen}: {e}; choose another with --listen 127.0.0.1:0"))
-            })?
+            // What holds data directory or address may soon let go: no bad input, so that the service manager tries again.
+            let taken = || format!("cannot listen on {listen}: choose another with --listen 127.0.0.1:0");
+            TcpListener::bind(listen).await.with_context(taken)?
         }
     };
     let address = listener.local_addr()?;

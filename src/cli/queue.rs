@@ -81,6 +81,12 @@ fn show(queue: &QueueSnapshot) -> anyhow::Result<()> {
     if let Some(reason) = &queue.held {
         print_line(format!("held ({reason}): `rigd queue release` lets it go on"))?;
     }
+    if let Some(reason) = &queue.waits {
+        print_line(format!("waits ({reason}): `rigd queue release` tries at once"))?;
+    }
+    if queue.entries.is_empty() {
+        print_line("nothing waits")?;
+    }
     queue.entries.iter().try_for_each(|queued| Ok(print_line(line(queued))?))
 }
 
@@ -90,9 +96,10 @@ fn line(queued: &QueuedSession) -> String {
     let name = entry.request.session.name.as_deref().unwrap_or("the rig file's name");
     let when = match (&queued.estimated_start, &queued.estimated_end) {
         (Some(start), Some(end)) => format!("{start} to {end}"),
-        _ => "no more runs to start".into(),
+        _ if entry.left() == 0 => "no more runs to start".into(),
+        _ => "cannot be planned as the rig is".into(),
     };
-    let gigabytes = queued.estimated_bytes.map(|bytes| format!("  {:.1} GB", bytes as f64 / 1e9)).unwrap_or_default();
+    let gigabytes = queued.estimated_bytes.map(|bytes| format!("  {:.2} GB", bytes as f64 / 1e9)).unwrap_or_default();
     let refused = entry.refused.as_ref().map(|why| format!("  (refused: {why})")).unwrap_or_default();
     format!(
         "{}  {} of {} runs started  {when}{gigabytes}  {name}{refused}",

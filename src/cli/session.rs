@@ -13,9 +13,11 @@ use super::error::print_line;
 use crate::session::handle::SessionSnapshot;
 use crate::session::plan::StartRequest;
 use crate::session::state::{SessionState, Verb};
+use crate::store::files::escaped;
 use anyhow::bail;
 use clap::{Args, Subcommand};
 use serde::Serialize;
+use std::io::{self, Write};
 
 /// Start, follow and steer acquisitions of a running daemon.
 #[derive(Args, Debug)]
@@ -76,6 +78,7 @@ pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
             }
             let started = client.start(&request)?;
             print_line(&started.id)?;
+            warn_of(&started.warnings);
             if *watch { follow(&client, &started.id) } else { Ok(()) }
         }
         SessionCommand::List => client.list()?.iter().try_for_each(|session| Ok(print_line(line(session))?)),
@@ -85,6 +88,14 @@ pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
         SessionCommand::Resume { id } => command(&client, id, Verb::Resume),
         SessionCommand::Stop { id } => command(&client, id, Verb::Stop),
         SessionCommand::Abort { id } => command(&client, id, Verb::Abort),
+    }
+}
+
+/// What to know before the night, beside the answer.
+pub(super) fn warn_of(warnings: &[String]) {
+    for warning in warnings {
+        // Nothing can be done about a closed stderr.
+        let _ = writeln!(io::stderr(), "warning: {}", escaped(warning));
     }
 }
 
@@ -101,6 +112,10 @@ fn follow(client: &Client, id: &str) -> anyhow::Result<()> {
     if let Some(saved) = &ended.saved {
         print_line(format!("left out: {saved}"))?;
     }
+    if ended.interruptions > 0 {
+        print_line(format!("interrupted and gone on: {} times", ended.interruptions))?;
+    }
+    warn_of(&ended.warnings);
     if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
         bail!("session {id} {}", how_it_ended(&ended));
     }

@@ -7,13 +7,13 @@ use crate::session::verify::{Verified, verify};
 use crate::store::RealDisk;
 use crate::store::index::{IndexError, Reader};
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
-use crate::store::verified::Record;
+use crate::store::verified::{Record, withdraw};
 use anyhow::bail;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Check every hash of sessions and calibrations: the chain of the journal, and each frame that was committed. What is sound gets a
-/// `verified.json` that says so. What the index of the data directory says of it is held against its journal as well.
+/// `verified.json` that says so, what is not loses it. What the index of the data directory says is held against the journals as well.
 #[derive(clap::Args, Debug)]
 pub struct Args {
     /// Directories of sessions or calibrations, or a data directory: then all that is in it.
@@ -92,16 +92,19 @@ fn with_index(run: Verified, directory: &Path) -> Found {
     Found { run, index_faults, notes }
 }
 
-/// Verifies a run and, when it is sound, writes that down beside it (`verified.json`). A run that cannot be read at all is one with a fault.
+/// Verifies a run and writes beside it that it is sound (`verified.json`), or takes that back. A run that cannot be read at all is one
+/// with a fault.
 fn checked(run: &Path) -> Verified {
     let begun = Record::begin(run, SOFTWARE);
     let found = verify(run);
-    if let (Ok(record), Ok(found)) = (begun, &found)
-        && found.faults.is_empty()
-        && let Err(error) = record.write(&RealDisk, run, found.frames)
-    {
-        // An archive that cannot be written is no less sound.
-        tracing::warn!(%error, "that it was verified is not written down");
+    let sound = found.as_ref().ok().filter(|found| found.faults.is_empty());
+    let noted = match (begun, sound) {
+        (Ok(record), Some(found)) => record.write(&RealDisk, run, found.frames),
+        _ => withdraw(&RealDisk, run),
+    };
+    if let Err(error) = noted {
+        // An archive that cannot be written is as sound as it is.
+        tracing::warn!(%error, "what was found is not written down");
     }
     found.unwrap_or_else(|error| Verified {
         id: run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),

@@ -202,6 +202,7 @@ mod tests {
             warnings: Vec::new(),
             refused: 0,
             last_refusal: None,
+            interruptions: 0,
             mean_relative_error: None,
             time_budget: None,
             lamp_drift: None,

@@ -22,6 +22,8 @@ pub enum What {
     NoRoom,
     /// A clean-up could not put the lamp out.
     LampFault,
+    /// Sessions wait in the queue, and none is started: for lack of room, or after one that failed.
+    QueueStands,
     /// Nothing: somebody wants to know whether messages arrive.
     Test,
 }
@@ -46,6 +48,7 @@ impl What {
             Self::Interrupted => "rigd: session interrupted",
             Self::NoRoom => "rigd: session waits for room on the disk",
             Self::LampFault => "rigd: the lamp may be on",
+            Self::QueueStands => "rigd: the queue stands still",
             Self::Test => "rigd: test",
         }
     }
@@ -93,6 +96,11 @@ impl Message {
     /// The lamp may be on.
     pub(super) fn of_lamp(rig: &str, fault: &str) -> Self {
         Self::new(What::LampFault, rig, fault.to_owned(), None)
+    }
+
+    /// Nothing of the queue is started, for this reason.
+    pub(super) fn of_queue(rig: &str, reason: &str) -> Self {
+        Self::new(What::QueueStands, rig, reason.to_owned(), None)
     }
 
     fn new(event: What, rig: &str, text: String, session: Option<SessionSnapshot>) -> Self {

@@ -20,13 +20,23 @@ pub(super) struct Watcher {
     /// The state of every session as of the last look.
     known: HashMap<String, SessionState>,
     lamp: Option<String>,
+    queue: Option<String>,
     /// When a lack of room was last told.
     room: Option<Instant>,
 }
 
 impl Watcher {
     pub(super) fn new(engine: EngineHandle, rig: &str, since: Timestamp, outboxes: Vec<Outbox>) -> Self {
-        Self { engine, rig: rig.to_owned(), since, outboxes, known: HashMap::new(), lamp: None, room: None }
+        Self {
+            engine,
+            rig: rig.to_owned(),
+            since,
+            outboxes,
+            known: HashMap::new(),
+            lamp: None,
+            queue: None,
+            room: None,
+        }
     }
 
     /// Looks until the daemon ends, and once more then.
@@ -62,6 +72,13 @@ impl Watcher {
             self.tell(Message::of_lamp(&self.rig, fault));
         }
         self.lamp = lamp;
+        let queue = self.engine.queue_stands();
+        if self.queue.is_none()
+            && let Some(reason) = &queue
+        {
+            self.tell(Message::of_queue(&self.rig, reason));
+        }
+        self.queue = queue;
     }
 
     fn room_was_told(&self) -> bool {

@@ -9,6 +9,7 @@ mod clock;
 mod frames;
 mod guided;
 mod hold;
+mod lit_from;
 mod prepare;
 mod shooting;
 mod warm_up;
@@ -19,6 +20,7 @@ use super::budget::Stage;
 use super::calibration::file::CalibrationFile;
 use super::calibration::stale;
 use super::quality::{Fingerprint, Optics};
+use super::shadow::Shadow;
 use super::state::Event;
 use super::witness::{self, Drift, Witness};
 use super::work::Work;
@@ -92,6 +94,10 @@ pub struct Acquisition<'a> {
     last: Option<Fingerprint>,
     /// What the pictures say of each other.
     witness: Witness,
+    /// What they say of where the lamp stands.
+    shadow: Shadow,
+    /// The last bracket was lit from elsewhere: the next one tells whether homing mended that.
+    arm_doubted: bool,
     /// The last frame was black: the next one tells whether the lamp is out.
     lamp_doubted: bool,
     /// Rung of the camera's ladder that comes next; the first again after a good frame.
@@ -128,6 +134,8 @@ impl<'a> Acquisition<'a> {
             id,
             rig,
             witness,
+            shadow: Shadow::new(rig),
+            arm_doubted: false,
             lamp_doubted: false,
             work,
             book,
@@ -298,6 +306,7 @@ impl<'a> Acquisition<'a> {
             self.witness.begin();
         }
         self.expose(station, angle_deg, kept)?;
+        self.check_lit_from(station, angle_deg)?;
         if let Some(drift) = self.witness.finish() {
             let Drift { exposure, change, sigma } = drift;
             let fields = json!({"station": station, "exposure": exposure, "change": change, "sigma": sigma});

@@ -56,6 +56,8 @@ pub struct Inner {
     pub ended: bool,
     /// What waits.
     pub queue: Queue,
+    /// Why the queue waits although an entry is due, if so; a user who changes the queue ends the wait.
+    pub queue_waits: Option<String>,
     /// Why arm or camera could not be used last time.
     pub device_fault: Option<String>,
     /// That fault is a lamp that may be on.
@@ -157,6 +159,7 @@ impl Book {
             shutdown: false,
             ended: false,
             queue,
+            queue_waits: None,
             device_fault: None,
             lamp_fault: false,
             index_fault: false,

@@ -90,16 +90,17 @@ fn resume(book: &Book, rig_text: &str) {
     let (id, taken_up) = (entry.manifest.id.clone(), entry.ledger.taken_up());
     if taken_up >= TAKEN_UP {
         tracing::error!(session = id, taken_up, "not taken up again: the daemon ended every time without a new frame");
-        return;
+        let why = format!(
+            "not taken up again: the daemon ended {taken_up} times without a new frame; look into its log, then resume the session"
+        );
+        return inner.append_reason(&id, &why);
     }
     match inner.take_up(&id, rig_text, "taken up again after the daemon ended") {
-        Ok(_) => tracing::info!(session = id, "taken up again"),
+        // As loud as the end before it.
+        Ok(_) => tracing::warn!(session = id, "taken up again"),
         Err(error) => {
             tracing::error!(session = id, %error, "not taken up again");
-            if let Some(entry) = inner.runs.get_mut(&id) {
-                let reason = entry.ledger.snapshot.reason.take().unwrap_or_default();
-                entry.ledger.snapshot.reason = Some(format!("{reason}; not taken up again: {error}"));
-            }
+            inner.append_reason(&id, &format!("not taken up again: {error}"));
         }
     }
 }

@@ -77,6 +77,9 @@ pub struct SessionSnapshot {
     pub refused: usize,
     /// Why the last of them did not, in words.
     pub last_refusal: Option<String>,
+    /// How often it was interrupted and went on.
+    #[serde(default)]
+    pub interruptions: usize,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
     /// Where the time went, as of the last whole station; null before the first.
@@ -208,7 +211,10 @@ impl EngineHandle {
 
     /// The plan a request would run (dry run): checks everything, moves nothing.
     pub fn plan(&self, request: &StartRequest) -> Result<CapturePlan, EngineError> {
-        self.planned(&self.book.lock(), request).map(|(plan, _)| plan)
+        let inner = self.book.lock();
+        let (plan, _) = self.planned(&inner, request)?;
+        inner.store.check_space(plan.estimated_bytes)?;
+        Ok(plan)
     }
 
     /// The plan, and the text of the calibration it uses.

@@ -94,6 +94,7 @@ impl Ledger {
             warnings: work.capture().map(|plan| plan.warnings.clone()).unwrap_or_default(),
             refused: 0,
             last_refusal: None,
+            interruptions: 0,
             mean_relative_error: None,
             time_budget: None,
             lamp_drift: None,
@@ -198,14 +199,28 @@ impl Ledger {
     fn apply_refusal(&mut self, kind: &str, record: &Value) {
         self.snapshot.refused += 1;
         let what = if kind == "bracket.rejected" { "bracket" } else { "frame" };
+        if record["whole"] == true
+            && let Some(station) = record["station"].as_u64().and_then(|s| usize::try_from(s).ok())
+        {
+            self.refuse_bracket(station);
+        }
         let reason = record["reason"].as_str().unwrap_or_default();
         self.snapshot.last_refusal = Some(format!("station {}: {what} refused: {reason}", record["station"]));
+    }
+
+    /// None of its frames counts, though they are all there.
+    fn refuse_bracket(&mut self, station: usize) {
+        let cells: Vec<_> = self.frames.range((station, 0)..=(station, usize::MAX)).map(|(&cell, _)| cell).collect();
+        self.superseded.extend(cells.iter().filter_map(|cell| self.frames.remove(cell)));
+        self.snapshot.frames_committed = self.frames.len();
+        self.outdate(station);
     }
 
     fn apply_state(&mut self, record: &Value) {
         if let Ok(state) = SessionState::deserialize(&record["state"]) {
             if state == SessionState::Preflight && self.snapshot.state == SessionState::Interrupted {
                 self.taken_up += 1;
+                self.snapshot.interruptions += 1;
                 self.lighting += 1;
                 self.described = false;
                 self.snapshot.ended = None;

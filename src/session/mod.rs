@@ -19,6 +19,7 @@ pub mod queue;
 mod refit;
 pub mod retention;
 mod room;
+pub mod shadow;
 pub mod state;
 pub mod verify;
 pub mod witness;

@@ -150,6 +150,11 @@ impl Witness {
         self.bracket.push(Seen { exposure: shot.exposure, label: shot.shutter.label.clone(), true_s, look });
     }
 
+    /// What its frames show.
+    pub fn bracket(&self) -> Vec<&Look> {
+        self.bracket.iter().map(|seen| &seen.look).collect()
+    }
+
     /// The bracket is whole: it is learned from, and what its lamp did is told.
     pub fn finish(&mut self) -> Option<Drift> {
         let bracket: Vec<_> = self.bracket.iter().map(|seen| (third_stop(seen.true_s), &seen.look)).collect();

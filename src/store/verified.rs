@@ -47,6 +47,15 @@ impl Record {
     }
 }
 
+/// Takes back what an earlier look found: the run is not what it was.
+///
+/// # Errors
+/// The record cannot be removed.
+pub fn withdraw(disk: &dyn Disk, directory: &Path) -> Result<(), StoreError> {
+    super::remove_if_there(disk, &directory.join(FILE))?;
+    super::sync_directory(disk, directory)
+}
+
 /// Whether the run was verified as it stands: nothing was journalled since.
 ///
 /// # Errors

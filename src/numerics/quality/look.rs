@@ -33,6 +33,12 @@ pub struct Sample {
 pub struct Look {
     /// Row by row; of frames of one size and part, sample i shows the same place.
     pub samples: Vec<Sample>,
+    /// Samples in a row.
+    pub columns: usize,
+    /// Pixels from one sample to the next.
+    pub step: usize,
+    /// Left and upper end of the part.
+    corner: [usize; 2],
     /// Level of the background: a tenth of the samples is darker.
     pub background: f32,
     /// Level of the brightest hundredth.
@@ -73,6 +79,9 @@ impl Look {
         let contrast = bright - background >= CONTRAST;
         Self {
             samples,
+            columns: width.saturating_sub(1).div_ceil(step),
+            step,
+            corner: [left, top],
             background,
             bright,
             clipped,
@@ -80,6 +89,13 @@ impl Look {
             stripes: [roughness(&rows), roughness(&columns)],
             grey_rows: grey_rows(picture),
         }
+    }
+
+    /// The middle of a sample, pixel coordinates of the frame.
+    pub fn pixel(&self, index: usize) -> [f64; 2] {
+        let columns = self.columns.max(1);
+        let [column, row] = [index % columns, index / columns];
+        [self.corner[0] + column * self.step + 1, self.corner[1] + row * self.step + 1].map(|at| at as f64)
     }
 
     /// True if something can be compared with it: bright parts before a dark background.

@@ -18,7 +18,7 @@ const RETAKES: usize = 2;
 impl Acquisition<'_> {
     /// Shoots until a frame is good and committed.
     pub(super) fn take_frame(&mut self, station: usize, exposure: usize, angle_deg: f64) -> Result<(), Trouble> {
-        let mut rejected = 0;
+        let mut rejected = Vec::new();
         loop {
             let attempt = self.attempts.entry((station, exposure)).or_default();
             *attempt += 1;
@@ -82,21 +82,22 @@ impl Acquisition<'_> {
         &mut self,
         shot: &Shot,
         attempt: usize,
-        rejected: &mut usize,
+        rejected: &mut Vec<String>,
         verdict: Verdict,
     ) -> Result<(), Trouble> {
         self.reject(shot, attempt, verdict.reason())?;
         if let Verdict::Black(reason) = &verdict {
             self.doubt_lamp(reason)?;
         }
-        *rejected += 1;
-        if *rejected <= RETAKES {
+        rejected.push(verdict.reason().to_owned());
+        if rejected.len() <= RETAKES {
             return Ok(());
         }
-        let Shot { station, exposure, shutter, .. } = shot;
-        let (label, reason) = (&shutter.label, verdict.reason());
+        let Shot { station, exposure, shutter: Shutter { label, .. }, .. } = shot;
         let told = format!(
-            "station {station}, exposure {exposure} ({label} s): refused {rejected} times, at last because {reason}"
+            "station {station}, exposure {exposure} ({label} s): refused {} times, {}",
+            rejected.len(),
+            why(rejected)
         );
         Err(match verdict {
             Verdict::Contradicts(_) | Verdict::Black(_) => Trouble::Bracket(told),
@@ -163,5 +164,13 @@ impl Acquisition<'_> {
             // Not acknowledged, so not kept; what cannot be removed now is removed at the next start.
             let _ = self.writer.take_back(&file);
         })
+    }
+}
+
+/// The first reason and, if it is another, the last: what is wrong with a frame often shows in the first alone.
+fn why(reasons: &[String]) -> String {
+    match (reasons.first(), reasons.last()) {
+        (Some(first), Some(last)) if first != last => format!("first because {first}, at last because {last}"),
+        (_, last) => format!("at last because {}", last.map_or("", String::as_str)),
     }
 }

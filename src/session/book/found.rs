@@ -65,6 +65,7 @@ impl Inner {
         }
         // A state that is not final can always be interrupted.
         let _ = self.happen(id, Event::DaemonEnded, Some("the daemon ended in the middle of the session"));
+        tracing::warn!(session = id, "the daemon before this one ended in the middle of the session");
         Ok(())
     }
 }

@@ -25,6 +25,14 @@ impl Inner {
         self.pending = Some(id.to_owned());
         self.entry(id)
     }
+
+    /// Says more of why a run stands where it does, as long as this daemon lives.
+    pub fn append_reason(&mut self, id: &str, more: &str) {
+        if let Some(entry) = self.runs.get_mut(id) {
+            let reason = entry.ledger.snapshot.reason.take().unwrap_or_default();
+            entry.ledger.snapshot.reason = Some(format!("{reason}; {more}"));
+        }
+    }
 }
 
 /// Whether frames of both rigs belong together: one lamp, one camera, one geometry, one hidden world. Ports, speeds and plans may differ.

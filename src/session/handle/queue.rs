@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
 
+/// Why a queue is held that a user holds.
+const BY_USER: &str = "held by a user";
+
 /// An entry, with what is to be expected of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct QueuedSession {
@@ -30,6 +33,8 @@ pub struct QueuedSession {
 pub struct QueueSnapshot {
     /// Why nothing of it is started, if so.
     pub held: Option<String>,
+    /// Why it waits although an entry is due, if so: for room on the disk, or after a session without a frame.
+    pub waits: Option<String>,
     /// In order.
     pub entries: Vec<QueuedSession>,
 }
@@ -43,7 +48,15 @@ impl EngineHandle {
             free = later(free, left_s);
         }
         let entries = inner.queue.entries.iter().map(|entry| self.expected(&inner, entry, &mut free)).collect();
-        QueueSnapshot { held: inner.queue.held.clone(), entries }
+        QueueSnapshot { held: inner.queue.held.clone(), waits: inner.queue_waits.clone(), entries }
+    }
+
+    /// Why a queue with entries stands still without a user having held it.
+    pub fn queue_stands(&self) -> Option<String> {
+        let inner = self.book.lock();
+        let held = inner.queue.held.as_deref().filter(|&reason| reason != BY_USER);
+        let why = held.or(inner.queue_waits.as_deref()).map(str::to_owned);
+        why.filter(|_| !inner.queue.entries.is_empty())
     }
 
     /// What is to be expected of an entry when the rig is free at `free`, which moves on to when it is free again.
@@ -115,6 +128,7 @@ impl EngineHandle {
     pub fn queue_first(&self, id: &str) -> Result<QueueSnapshot, EngineError> {
         let mut inner = self.book.lock();
         known(&inner, id)?;
+        inner.queue_waits = None;
         inner.change_queue(|queue| {
             if let Some(at) = queue.entries.iter().position(|entry| entry.id == id) {
                 let mut entry = queue.entries.remove(at);
@@ -129,7 +143,10 @@ impl EngineHandle {
 
     /// Holds the queue, or lets it go on; the session that is running is not touched.
     pub fn hold_queue(&self, held: bool) -> Result<QueueSnapshot, EngineError> {
-        self.book.lock().change_queue(|queue| queue.held = held.then(|| "held by a user".to_owned()))?;
+        let mut inner = self.book.lock();
+        inner.queue_waits = None;
+        inner.change_queue(|queue| queue.held = held.then(|| BY_USER.to_owned()))?;
+        drop(inner);
         self.book.nudge();
         Ok(self.queue())
     }

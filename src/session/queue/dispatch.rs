@@ -9,8 +9,10 @@ use std::time::{Duration, Instant};
 
 /// How often a queue with entries is looked at when nothing happens: times come without an event.
 const LOOK: Duration = Duration::from_secs(1);
-/// Wait after a session that ended without a frame, and after a lack of room: the rig cannot work now, and the next would fail alike.
+/// Wait after a session that ended without a frame: the rig cannot work now, and the next would fail alike.
 const UNFIT: Duration = Duration::from_secs(300);
+/// Wait after a lack of room, which may be made at any time.
+const ROOM: Duration = Duration::from_secs(10);
 
 /// Starts the thread; it ends with the daemon.
 pub fn spawn(book: Arc<Book>, engine: EngineHandle) -> std::io::Result<()> {
@@ -21,7 +23,7 @@ pub fn spawn(book: Arc<Book>, engine: EngineHandle) -> std::io::Result<()> {
 struct Dispatcher {
     book: Arc<Book>,
     engine: EngineHandle,
-    /// Nothing is done before: the rig cannot work, or the disk takes no change.
+    /// While the queue waits nothing is done before.
     not_before: Instant,
 }
 
@@ -50,7 +52,11 @@ impl Dispatcher {
                 Some(Next::End) => return,
                 Some(Next::Settle { entry, state, reason, frames }) => {
                     if frames == 0 && matches!(state, SessionState::Failed | SessionState::Interrupted) {
-                        self.not_before = Instant::now() + UNFIT;
+                        let why = reason.as_deref().unwrap_or("for no known reason");
+                        self.wait(
+                            UNFIT,
+                            format!("a session is {state} without a frame: {why}; the next is started after 5 minutes"),
+                        );
                     }
                     self.change(|queue| queue.ended(&entry, state, reason.as_deref()));
                 }
@@ -66,14 +72,14 @@ impl Dispatcher {
         let key = format!("queue {id} run {}", entry.started + 1);
         match self.engine.start(&entry.request.session, Some(&key)) {
             Ok(started) => {
+                self.book.lock().queue_waits = None;
                 let now = self.book.clock.now();
                 self.change(|queue| queue.started(id, &started.snapshot.id, now));
             }
             // Somebody was faster.
             Err(EngineError::Busy { .. } | EngineError::Gone) => {}
             Err(error @ (EngineError::NoSpace { .. } | EngineError::Storage(_))) => {
-                tracing::warn!(entry = id, %error, "the queue waits");
-                self.not_before = Instant::now() + UNFIT;
+                self.wait(ROOM, format!("{error}; looked at again every {} s", ROOM.as_secs()));
             }
             Err(error) => self.change(|queue| {
                 if let Some(entry) = queue.entries.iter_mut().find(|entry| entry.id == id) {
@@ -85,11 +91,21 @@ impl Dispatcher {
 
     /// A change that cannot be written is not made: what led to it is met again at the next look.
     fn change(&mut self, change: impl FnOnce(&mut Queue)) {
-        if let Err(error) = self.book.lock().change_queue(change) {
-            tracing::error!(%error, "the queue is not written");
-            self.not_before = Instant::now() + UNFIT;
+        let changed = self.book.lock().change_queue(change);
+        if let Err(error) = changed {
+            self.wait(UNFIT, format!("the queue is not written: {error}"));
         }
         self.book.nudge();
+    }
+
+    /// Starts nothing for this time, unless a user changes the queue.
+    fn wait(&mut self, time: Duration, why: String) {
+        self.not_before = Instant::now() + time;
+        let mut inner = self.book.lock();
+        if inner.queue_waits.is_none() {
+            tracing::warn!(why, "the queue waits");
+        }
+        inner.queue_waits = Some(why);
     }
 }
 
@@ -97,7 +113,7 @@ fn next(inner: &mut Inner, not_before: Instant) -> Option<Next> {
     if inner.shutdown || inner.ended {
         return Some(Next::End);
     }
-    if Instant::now() < not_before {
+    if inner.queue_waits.is_some() && Instant::now() < not_before {
         return None;
     }
     if let Some((entry, session)) = inner.queue.running() {

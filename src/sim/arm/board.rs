@@ -36,6 +36,8 @@ pub struct Board {
     counted_deg: f64,
     /// True angle minus counted angle, degrees: unknown to the controller until it homes.
     slip_deg: f64,
+    /// The arm against its shaft, on which the switch sits, degrees.
+    shaft_deg: f64,
     motion: Option<Motion>,
     /// Time since the last move ended (seconds), and its greatest speed (degrees per second).
     rest: Option<(f64, f64)>,
@@ -54,6 +56,7 @@ impl Board {
             mechanics,
             counted_deg: 0.0,
             slip_deg: lower + 0.37 * (upper - lower),
+            shaft_deg: 0.0,
             motion: None,
             rest: None,
             homed: false,
@@ -66,9 +69,9 @@ impl Board {
 
     /// Loss and return of power: the arm stays where it is, everything else is forgotten.
     pub fn power_cycle(&mut self) {
-        let angle_deg = self.pose().angle_deg;
         *self = Self {
-            slip_deg: angle_deg,
+            slip_deg: self.counted_deg + self.slip_deg,
+            shaft_deg: self.shaft_deg,
             stalled: self.stalled,
             moves_started: self.moves_started,
             ..Self::new(self.mechanics)
@@ -77,7 +80,7 @@ impl Board {
 
     /// The physical truth.
     pub fn pose(&self) -> Pose {
-        Pose { angle_deg: self.counted_deg + self.slip_deg, lamp_permille: self.lamp_permille }
+        Pose { angle_deg: self.counted_deg + self.slip_deg + self.shaft_deg, lamp_permille: self.lamp_permille }
     }
 
     /// The swinging after the last move, and for how long the motor has been standing, seconds; none while it turns.
@@ -99,6 +102,11 @@ impl Board {
     /// Turns the arm by `slip_deg` degrees without the controller counting it.
     pub fn slip(&mut self, slip_deg: f64) {
         self.slip_deg += slip_deg;
+    }
+
+    /// Turns the arm on its shaft by `degrees`: no homing mends that.
+    pub fn slip_on_shaft(&mut self, degrees: f64) {
+        self.shaft_deg += degrees;
     }
 
     /// Lets `dt_s` seconds pass for the motor.
@@ -123,7 +131,7 @@ impl Board {
     }
 
     fn at_switch(&self) -> bool {
-        self.pose().angle_deg <= self.mechanics.travel_deg[0]
+        self.counted_deg + self.slip_deg <= self.mechanics.travel_deg[0]
     }
 
     fn start(&mut self, profile: Profile, homing: bool) {
@@ -215,6 +223,17 @@ mod tests {
         board.start_move(-50_000);
         assert!((run(&mut board) - 1.633).abs() < 0.02, "40 degrees at 30 deg/s and 100 deg/s^2");
         assert_eq!(board.motor().position_mdeg, -50_000);
+    }
+
+    #[test]
+    fn an_arm_that_slipped_on_its_shaft_stays_wrong_whatever_is_done() {
+        let mut board = homed();
+        board.slip_on_shaft(7.0);
+        board.start_home();
+        run(&mut board);
+        assert_eq!((board.motor().position_mdeg, board.pose().angle_deg), (-90_000, -83.0));
+        board.power_cycle();
+        assert_eq!(board.pose().angle_deg, -83.0);
     }
 
     #[test]

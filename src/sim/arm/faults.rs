@@ -12,6 +12,7 @@ pub(super) struct Injected {
     pub frozen: bool,
     pub stalled: bool,
     pub slip_deg: f64,
+    pub shaft_deg: f64,
     pub unplug: bool,
 }
 
@@ -53,6 +54,11 @@ impl ArmFaults {
     /// Turns the arm by `degrees` without the controller noticing.
     pub fn lose_steps(&self, degrees: f64) {
         self.wishes().slip_deg += degrees;
+    }
+
+    /// Turns the arm on its shaft, which the switch sits on: homing does not mend it.
+    pub fn slip_on_shaft(&self, degrees: f64) {
+        self.wishes().shaft_deg += degrees;
     }
 
     /// Pulls the cable for good: the port hangs up. The board keeps its power.

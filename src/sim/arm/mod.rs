@@ -173,6 +173,7 @@ impl Bench {
         let board = self.device.hal_mut();
         board.stall(wishes.stalled);
         board.slip(std::mem::take(&mut wishes.slip_deg));
+        board.slip_on_shaft(std::mem::take(&mut wishes.shaft_deg));
         if wishes.unplug {
             self.pty = None;
         }
