@@ -322,6 +322,8 @@ fn sigterm_in_any_state_ends_in_order_with_the_lamp_off_and_the_arm_parked() {
         check_session(&directory);
         let journal = journal::read(&directory.join(journal::FILE)).unwrap();
         assert_eq!(journal.records.last().unwrap()["state"], "interrupted", "{state}");
-        assert!(journal.records.iter().all(|record| record["type"] != "fault.raised"), "{state}");
+        // Nor is a replayed folder asked for a picture of the room, which it does not have.
+        let told = |kind: &str| journal.records.iter().any(|record| record["type"].as_str().unwrap().starts_with(kind));
+        assert!(!told("fault.raised") && !told("ambient."), "{state}");
     }
 }

@@ -3,9 +3,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 mod lamp;
 
-use lamp::{Stage, events, intensities, request, rig, three_ways, wait_for};
+use lamp::{Stage, events, intensities, rig, wait_for};
 use rigd::numerics::geometry::Light;
 use rigd::pipeline::fit::{FitOptions, fit};
+use rigd::session::plan::StartRequest;
 use rigd::session::state::SessionState;
 use rigd::sim::lamp::Burning;
 use rigd::store;
@@ -19,6 +20,26 @@ const BAR: f64 = 0.002;
 /// The paper's bracket.
 const EXPOSURES: [&str; 10] = ["1/100", "1/40", "1/20", "1/8", "1/4", "0.6", "1.3", "3.2", "6", "15"];
 
+/// The plan of a rig file, how its patch is turned, degrees, and at how many of the stations that tells.
+struct Plan {
+    stations_deg: Vec<f64>,
+    patch_deg: f64,
+    telling: usize,
+}
+
+impl Plan {
+    /// As shipped, with the patch turned to the middle of the lamp's way; only four stations light it well enough.
+    fn shipped() -> Self {
+        Self { stations_deg: rig().plan.stations_deg, patch_deg: 40.0, telling: 4 }
+    }
+
+    /// One way over as much of the circle as lights the patch.
+    fn even(stations: usize) -> Self {
+        let angle = |i| -36.0 + 106.0 * i as f64 / (stations - 1) as f64;
+        Self { stations_deg: (0..stations).map(angle).collect(), patch_deg: 20.0, telling: stations }
+    }
+}
+
 /// A session.
 struct Night {
     stage: Stage,
@@ -26,38 +47,43 @@ struct Night {
 }
 
 impl Night {
-    /// Of `stations` stations, over as much of the circle as lights the patch, under a lamp that loses [`LOSS`] in `steps` even steps;
-    /// none: it is steady.
-    fn new(stations: usize, steps: Option<usize>, tilt_deg: f64) -> Self {
+    /// Of the rig's own plan, in the order that a session gives it, under a lamp that loses [`LOSS`] in `steps` even steps; none: it is
+    /// steady. The patch really is turned by `tilt_deg` more than stated.
+    fn new(plan: &Plan, steps: Option<usize>, tilt_deg: f64) -> Self {
+        let facing = |deg: f64| [deg.to_radians().sin(), 0.0, -deg.to_radians().cos()];
         let mut rig = rig();
+        rig.plan.stations_deg.clone_from(&plan.stations_deg);
+        rig.reference_patch.as_mut().unwrap().normal = facing(plan.patch_deg);
         // At 288 x 192 pixels the noise of frames alone changes a parameter by 0.2 %, from one session to the next.
         (rig.camera.width, rig.camera.height) = (576, 384);
         (rig.camera.focal_px, rig.camera.principal_px) = ([6600.0; 2], [288.0, 192.0]);
         rig.fit.gains = "off".into();
         rig.fit.lobe = "coloured".into();
-        let shots = stations * EXPOSURES.len();
+        let shots = plan.stations_deg.len() * EXPOSURES.len();
         let life = move |burning: Burning| {
             let Some(steps) = steps else { return [1.0; 3] };
             let step = (burning.shots as usize * steps / shots).min(steps - 1);
             LOSS.map(|loss| 1.0 - loss * step as f64 / (steps - 1) as f64)
         };
         let mut stage = Stage::new(rig, life);
-        // What the rig file says of the patch may be wrong: it really is turned this much further.
-        let (sin, cos) = (20.0 + tilt_deg).to_radians().sin_cos();
-        stage.true_rig.reference_patch.as_mut().unwrap().normal = [sin, 0.0, -cos];
+        stage.true_rig.reference_patch.as_mut().unwrap().normal = facing(plan.patch_deg + tilt_deg);
         let engine = stage.engine();
-        let id = engine.start(&request(&three_ways(stations), &EXPOSURES), None).unwrap().snapshot.id;
+        let request =
+            StartRequest { exposures: Some(EXPOSURES.map(str::to_owned).to_vec()), ..StartRequest::default() };
+        let id = engine.start(&request, None).unwrap().snapshot.id;
         let end = wait_for(&engine, &id, SessionState::Completed);
         assert_eq!((end.frames_committed, stage.shots()), (shots, shots + end.refused), "{:?}", end.last_refusal);
         let drift = end.lamp_drift.unwrap();
         println!(
-            "{stations} stations: {:+.2} % in all, {:+.2} % from one to the next; refused {:?}; {:?}",
+            "{} of {} stations tell: {:+.2} % in all, {:+.2} % from one to the next; refused {:?}; {:?}",
+            drift.stations,
+            plan.stations_deg.len(),
             100.0 * drift.change,
             100.0 * drift.step,
             end.last_refusal,
             end.warnings
         );
-        assert_eq!(drift.stations, stations, "{:?}", events(&engine, &id, "station.developed"));
+        assert_eq!(drift.stations, plan.telling, "{:?}", events(&engine, &id, "station.developed"));
         let told = end.warnings.iter().any(|warning| warning.contains("by the reference patch the lamp changed"));
         assert_eq!(told, drift.change.abs() > 0.05 || drift.step.abs() > 0.02);
         Self { stage, id }
@@ -139,8 +165,8 @@ fn largest(title: &str, changes: &[(String, f64)]) -> f64 {
 }
 
 /// The drifting lamp's patch is stated with its normal a degree wrong, as a careful hand would.
-fn drift_is_taken_out(stations: usize, steps: usize) {
-    let (steady, drifting) = (Night::new(stations, None, 0.0), Night::new(stations, Some(steps), 1.0));
+fn drift_is_taken_out(plan: &Plan, steps: usize) {
+    let (steady, drifting) = (Night::new(plan, None, 0.0), Night::new(plan, Some(steps), 1.0));
     for (name, night) in [("steady", &steady), ("drifting", &drifting)] {
         println!("{name}: brightness is said {:.2} % wrong at most", 100.0 * night.reading_error());
     }
@@ -155,22 +181,30 @@ fn drift_is_taken_out(stations: usize, steps: usize) {
 /// In a short session the drift goes in steps between brackets: within one of a night's it is 0.03 %.
 #[test]
 fn five_percent_of_drift_change_the_recovered_parameters_by_less_than_a_fifth_of_a_percent() {
-    drift_is_taken_out(9, 9);
+    drift_is_taken_out(&Plan::even(9), 9);
+}
+
+/// Misses the bar by a hair (docs/lamp.md).
+#[test]
+#[ignore = "by hand: cargo test --test lamp_drift -- --ignored --nocapture shipped, half a minute"]
+fn the_shipped_plan_of_which_four_stations_light_the_patch() {
+    drift_is_taken_out(&Plan::shipped(), 7);
 }
 
 #[test]
 #[ignore = "by hand: cargo test --test lamp_drift -- --ignored --nocapture a_night, minutes"]
 fn a_night_of_five_percent_of_drift() {
-    drift_is_taken_out(61, 61 * EXPOSURES.len());
+    drift_is_taken_out(&Plan::even(61), 61 * EXPOSURES.len());
 }
 
 /// What a patch costs whose normal is stated wrong, under a steady lamp.
 #[test]
 #[ignore = "by hand: cargo test --test lamp_drift -- --ignored --nocapture stated_wrong, two minutes"]
 fn a_patch_whose_normal_is_stated_wrong() {
-    let one = Night::new(9, None, 0.0);
+    let plan = Plan::even(9);
+    let one = Night::new(&plan, None, 0.0);
     for tilt_deg in [0.5, 1.0, 2.0] {
-        let other = Night::new(9, None, tilt_deg);
+        let other = Night::new(&plan, None, tilt_deg);
         println!("{tilt_deg} degrees: brightness is said {:.2} % wrong at most", 100.0 * other.reading_error());
         let worst = largest("parameters", &changes(&one.material(), &other.material()));
         assert!(worst < BAR, "{worst}");

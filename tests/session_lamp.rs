@@ -6,6 +6,7 @@ use lamp::{Stage, events, intensities, request, rig, small_rig, three_ways, unti
 use rig_config::ReferencePatch;
 use rigd::session::handle::{EngineHandle, FitRequest};
 use rigd::session::state::{SessionState as S, Verb};
+use rigd::sim::camera::Fault;
 use rigd::sim::lamp::Burning;
 use rigd::sim::pose::Pose;
 use rigd::sim::world::World;
@@ -137,6 +138,41 @@ fn a_shutter_that_stays_closed_once_is_no_lamp_fault() {
     assert_eq!((end.frames_committed, end.refused), (FRAMES, 1));
     let faults = |kind| events(&engine, &id, kind).iter().filter(|event| event["device"] == "lamp").count();
     assert_eq!((faults("fault.raised"), faults("fault.cleared")), (1, 1));
+}
+
+/// A lamp that changes in the second bracket, and goes back before the third: object and patch say so, each by itself.
+#[test]
+fn a_change_within_a_bracket_is_journalled_with_who_saw_it() {
+    let changed = 6..8;
+    let stage = Stage::new(rig(), move |b| [if changed.contains(&b.shots) { 1.03 } else { 1.0 }; 3]);
+    let engine = stage.engine();
+    let id = begin(&engine);
+    let end = wait_for(&engine, &id, S::Completed);
+    let drifted = events(&engine, &id, "lamp.drifted");
+    let by_patch: Vec<_> = drifted.iter().filter(|event| event["by"] == "patch").collect();
+    assert!(by_patch.len() == 1 && by_patch[0]["station"] == 1, "{drifted:?}");
+    let change = by_patch[0]["change"].as_f64().unwrap();
+    assert!((0.015..0.06).contains(&change), "{drifted:?}");
+    assert!(drifted.iter().all(|event| event["by"] == "patch" || event["by"] == "object"), "{drifted:?}");
+    assert!(end.warnings.is_empty(), "{:?}", end.warnings);
+}
+
+/// Something is before the patch in the middle of two brackets: it is told once, and keeps nothing from being shot.
+#[test]
+fn a_covered_patch_is_told_once_a_session() {
+    let stage = Stage::new(small_rig(), |_| [1.0; 3]);
+    let (sound, covered) = (Fault::OpenFor(1000), Fault::PatchAt(300));
+    // The room, the first bracket, and half of the second.
+    let faults = [(sound, 1 + 4 + 2), (covered, 2), (sound, 2), (covered, 2)];
+    faults.iter().for_each(|&(fault, times)| (0..times).for_each(|_| stage.faults.inject(fault)));
+    let engine = stage.engine();
+    let id = begin(&engine);
+    let end = wait_for(&engine, &id, S::Completed);
+    assert_eq!((end.frames_committed, end.refused), (FRAMES, 0));
+    let doubted = events(&engine, &id, "patch.doubted");
+    assert!(doubted.len() == 1 && doubted[0]["station"] == 1, "{doubted:?}");
+    assert!(end.warnings.len() == 1 && end.warnings[0].contains("see that nothing stands"), "{:?}", end.warnings);
+    assert!(events(&engine, &id, "lamp.drifted").is_empty());
 }
 
 /// The lamp is brighter when it was lit again; a fit of what there was by then must not outlast that.

@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 mod support;
 
+use rig_config::{ReferencePatch, Rig};
 use rigd::numerics::geometry::{Projection, Sphere, Vec3};
 use rigd::session::crop;
 use rigd::session::handle::{FitRequest, check_rig};
-use rigd::session::plan::{CapturePlan, StartRequest};
+use rigd::session::plan::{Adaptive, CapturePlan, LightTargets, StartRequest};
 use support::rig;
 
 #[test]
@@ -26,10 +27,36 @@ fn the_estimate_adds_up() {
     // From the park position (-60): 40, 35, 35 degrees, and 110 back.
     let moves = (40.0 + 35.0 + 35.0 + 110.0 + 4.0 * 15.0) / 30.0;
     let exposures = 3.0 * (1.0 / 101.594 + 0.39685);
-    let known = 60.0 + moves + 3.0 * 0.5 + exposures;
-    let download = (plan.estimated_s - known) / 6.0;
+    // The room is seen in the longer exposure.
+    let known = 0.39685 + 60.0 + moves + 3.0 * 0.5 + exposures;
+    let download = (plan.estimated_s - known) / 7.0;
     assert!((0.5..5.0).contains(&download), "{download} s for a download");
     assert!(plan.estimated_bytes >= 6 * 32 * 24 && plan.estimated_bytes < 2 << 20);
+}
+
+/// A rig without a patch has the order of its file; with one, only what somebody names keeps an order that goes one way.
+#[test]
+fn the_stations_of_a_rig_with_a_patch_go_out_back_and_out_again_unless_they_are_named() {
+    let shipped = rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap().1;
+    let bare = Rig::from_toml(shipped, "simulated.toml").unwrap();
+    let patch = ReferencePatch { center_mm: [-47.0, 25.0, 1460.0], normal: [0.34, 0.0, -0.94], diameter_mm: 22.0 };
+    let rig = Rig { reference_patch: Some(patch), ..bare.clone() };
+    let planned = |rig: &Rig, request: &StartRequest| {
+        let plan = CapturePlan::new(rig, request).unwrap();
+        (plan.stations.iter().map(|station| station.angle_deg).collect::<Vec<_>>(), plan.estimated_s)
+    };
+    let (own, named) = (StartRequest::default(), bare.plan.stations_deg.clone());
+    let (as_written, short_s) = planned(&bare, &own);
+    assert_eq!(as_written, named);
+    let (in_three, long_s) = planned(&rig, &own);
+    assert_eq!(in_three, [-55.0, 50.0, 140.0, 85.0, -20.0, 15.0, 115.0]);
+    // By hand: 55 + 195 + 140 degrees one way, 55 + 105 + 90 + 55 + 105 + 35 + 100 + 115 in three, at 30 degrees a second.
+    assert!((long_s - short_s - (660.0 - 390.0) / 30.0).abs() < 1e-9, "{short_s} {long_s}");
+    let asked = StartRequest { stations_deg: Some(named.clone()), ..StartRequest::default() };
+    assert_eq!(planned(&rig, &asked), (named, short_s));
+    let lights = Some(LightTargets { left_out_error: 0.04, parameter_error: 0.05 });
+    let sparing = StartRequest { adaptive: Some(Adaptive { lights, ..Adaptive::default() }), ..own };
+    assert_eq!(planned(&rig, &sparing).0, planned(&bare, &sparing).0);
 }
 
 #[test]

@@ -25,6 +25,13 @@ fn a_card_too_small_refuses_before_the_lamp_is_on() {
     fakes.world().supplies = supplies(6, "100%");
     let id = begin(&engine);
     assert!(wait_for(&engine, &id, S::Completed).warnings.is_empty());
+    // The picture of the room is not worth the last frame.
+    assert_eq!((fakes.world().dark_shots, events(&engine, &id, "ambient.failed").len()), (0, 1));
+
+    fakes.world().supplies = supplies(7, "100%");
+    let id = begin(&engine);
+    wait_for(&engine, &id, S::Completed);
+    assert_eq!((fakes.world().dark_shots, events(&engine, &id, "ambient.measured").len()), (1, 1));
 }
 
 /// A session that is taken up needs room for the rest alone, and is not lost for want of it.

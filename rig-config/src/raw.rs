@@ -212,7 +212,8 @@ pub(crate) struct RawObject {
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RawPlan {
-    /// Light stations: arm angles, degrees, in shooting order.
+    /// Light stations: arm angles, degrees, in shooting order; with a `reference_patch` those that go one way are shot out, back and out
+    /// again.
     #[schemars(length(min = 1, max = 1000), inner(range(min = -360, max = 360)))]
     pub stations_deg: Vec<f64>,
     /// The bracket: shutter labels as the body writes them (1/100, 0.6, 15), in shooting order.

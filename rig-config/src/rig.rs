@@ -217,7 +217,7 @@ pub struct Sphere {
 /// The rig's own acquisition plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// Light stations: arm angles, degrees, in shooting order.
+    /// Light stations: arm angles, degrees, in shooting order; with a reference patch a session may shoot them in another.
     pub stations_deg: Vec<f64>,
     /// The bracket, in shooting order.
     pub exposures: Vec<Shutter>,

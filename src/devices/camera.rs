@@ -99,6 +99,10 @@ pub trait Camera: Send {
     fn supplies(&self) -> Supplies {
         Supplies::default()
     }
+    /// Whether a shot shows what is before the camera now; one that plays stored frames has none but those of the plan.
+    fn is_live(&self) -> bool {
+        true
+    }
     /// Sets the exposure, shoots, downloads.
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError>;
     /// Called while nothing is shot, so that a body does not go to sleep and what it has to tell is taken.
@@ -123,6 +127,7 @@ type Request = (Shot, Cancel, SyncSender<Result<RawFrame, CameraError>>);
 pub struct CameraHandle {
     identity: CameraIdentity,
     supplies: Supplies,
+    live: bool,
     grace_s: f64,
     inbox: Option<SyncSender<Request>>,
     released: Receiver<()>,
@@ -131,7 +136,7 @@ pub struct CameraHandle {
 impl CameraHandle {
     /// Takes the camera; `grace_s` as [`CALL_GRACE_S`].
     pub fn new(mut camera: Box<dyn Camera>, grace_s: f64) -> Result<Self, CameraError> {
-        let (identity, supplies) = (camera.identity(), camera.supplies());
+        let (identity, supplies, live) = (camera.identity(), camera.supplies(), camera.is_live());
         let (inbox, requests) = sync_channel::<Request>(1);
         let (release, released) = sync_channel(1);
         let serve = move || {
@@ -157,7 +162,7 @@ impl CameraHandle {
             .name("camera".into())
             .spawn(serve)
             .map_err(|e| CameraError::Unusable { reason: format!("no thread for its driver: {e}") })?;
-        Ok(Self { identity, supplies, grace_s, inbox: Some(inbox), released })
+        Ok(Self { identity, supplies, live, grace_s, inbox: Some(inbox), released })
     }
 
     /// What body this is.
@@ -168,6 +173,11 @@ impl CameraHandle {
     /// Card and battery as of the opening.
     pub fn supplies(&self) -> &Supplies {
         &self.supplies
+    }
+
+    /// As [`Camera::is_live`].
+    pub fn is_live(&self) -> bool {
+        self.live
     }
 
     /// Shoots within twice the exposure and the grace time.

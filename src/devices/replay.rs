@@ -43,6 +43,10 @@ impl Camera for ReplayCamera {
         CameraIdentity { model: format!("replay of {}", self.directory.display()) }
     }
 
+    fn is_live(&self) -> bool {
+        false
+    }
+
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
         if cancel.is_cancelled() {
             return Err(CameraError::Cancelled);
@@ -78,6 +82,7 @@ mod tests {
             std::fs::write(folder.path().join(name), text).unwrap();
         }
         let mut camera = ReplayCamera::open(folder.path(), 2).unwrap();
+        assert!(!camera.is_live(), "it has no picture of the room");
         for (station, exposure, text) in [(0, 0, b"0"), (0, 1, b"1"), (1, 0, b"2"), (1, 1, b"3")] {
             assert_eq!(camera.shoot(&shot(station, exposure), &Cancel::default()).unwrap().bytes, text);
         }

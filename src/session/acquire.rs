@@ -3,6 +3,7 @@
 //! once it is shot, verified, on disk and journalled, in this order.
 
 mod adaptive;
+mod ambient;
 mod broken;
 mod burst;
 mod clock;
@@ -10,6 +11,7 @@ mod frames;
 mod guided;
 mod hold;
 mod lit_from;
+mod patch;
 mod prepare;
 mod shooting;
 mod warm_up;
@@ -22,7 +24,7 @@ use super::calibration::stale;
 use super::quality::{Fingerprint, Optics};
 use super::shadow::Shadow;
 use super::state::Event;
-use super::witness::{self, Drift, Witness};
+use super::witness::{self, Witness};
 use super::work::Work;
 use super::worker::{self, Job};
 use crate::devices::arm::{ArmError, ArmStatus};
@@ -305,14 +307,11 @@ impl<'a> Acquisition<'a> {
             self.bracket += 1;
             self.witness.begin();
         }
+        self.watch_patch(station);
         self.expose(station, angle_deg, kept)?;
         self.check_lit_from(station, angle_deg)?;
-        if let Some(drift) = self.witness.finish() {
-            let Drift { exposure, change, sigma } = drift;
-            let fields = json!({"station": station, "exposure": exposure, "change": change, "sigma": sigma});
-            self.record("lamp.drifted", fields)?;
-        }
-        Ok(())
+        let of_object = self.witness.finish();
+        self.tell_drift(station, of_object)
     }
 
     /// The frame just taken, or the bracket about to go on, stands under the planned light: the arm's angle by its own status.

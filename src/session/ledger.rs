@@ -60,6 +60,8 @@ pub struct Ledger {
     superseded: Vec<FrameRecord>,
     developed: BTreeSet<usize>,
     drift: Drift,
+    /// It was told that the reference patch is not what it was.
+    doubts_patch: bool,
     /// A fit described the session, and it was not taken up since.
     described: bool,
     /// How often the lamp was lit anew, now and when each station was shot.
@@ -116,6 +118,7 @@ impl Ledger {
             superseded,
             developed,
             drift: Drift::default(),
+            doubts_patch: false,
             described: false,
             lighting: 0,
             lit: BTreeMap::new(),
@@ -144,14 +147,10 @@ impl Ledger {
                 self.snapshot.stations_developed = self.developed.len();
                 self.apply_patch(station(), PatchReading::deserialize(&record["patch"]).ok());
             }
-            Some("calibration.doubted" | "session.doubted" | "lamp.unsteady") => {
-                let warnings = record["warnings"].as_array().into_iter().flatten();
-                for warning in warnings.filter_map(Value::as_str) {
-                    // A session that was taken up again is told the same once more.
-                    if !self.snapshot.warnings.iter().any(|known| known == warning) {
-                        self.snapshot.warnings.push(warning.to_owned());
-                    }
-                }
+            Some("calibration.doubted" | "session.doubted" | "lamp.unsteady" | "ambient.measured") => self.warn(record),
+            Some("patch.doubted") => {
+                self.doubts_patch = true;
+                self.warn(record);
             }
             Some(kind @ ("frame.rejected" | "bracket.rejected")) => self.apply_refusal(kind, record),
             // An arm that was brought back lit the lamp anew.
@@ -172,6 +171,16 @@ impl Ledger {
         }
     }
 
+    /// A session that was taken up again is told the same once more: it counts once.
+    fn warn(&mut self, record: &Value) {
+        let warnings = record["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        for warning in warnings {
+            if !self.snapshot.warnings.iter().any(|known| known == warning) {
+                self.snapshot.warnings.push(warning.to_owned());
+            }
+        }
+    }
+
     /// What the reference patch says by now takes the place of what it said before.
     fn apply_patch(&mut self, station: Option<usize>, reading: Option<PatchReading>) {
         let (Some(station), said) = (station, self.drift.warnings()) else { return };
@@ -181,7 +190,7 @@ impl Ledger {
         self.snapshot.warnings.extend(self.drift.warnings());
     }
 
-    /// How bright the lamp was at the first stations, relative to the first at which the reference patch tells.
+    /// How bright the lamp was at the first stations, relative to the very first, by the reference patch.
     pub fn brightness(&self, stations: usize) -> Vec<[f64; 3]> {
         self.drift.of_stations(stations)
     }
@@ -275,6 +284,11 @@ impl Ledger {
             self.outdate(cell.0);
         }
         self.snapshot.frames_committed = self.frames.len();
+    }
+
+    /// True when it was told that the reference patch is not what it was.
+    pub fn doubts_patch(&self) -> bool {
+        self.doubts_patch
     }
 
     /// How often the session was taken up again since a frame was last committed.

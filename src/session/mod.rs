@@ -11,6 +11,7 @@ pub mod handle;
 pub mod index;
 mod lamp;
 mod ledger;
+mod order;
 pub mod plan;
 pub mod preflight;
 pub mod processing;

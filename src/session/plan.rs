@@ -2,6 +2,7 @@
 
 pub use super::adaptive::{Adaptive, LightTargets};
 use super::adaptive::{FIRST_JUDGED, object, spread};
+use super::order;
 use rig_config::{Rig, Shutter};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -12,7 +13,7 @@ use utoipa::ToSchema;
 pub struct StartRequest {
     /// A name for the sampled object, for people; at most 200 characters.
     pub name: Option<String>,
-    /// Light stations: arm angles, degrees, in shooting order.
+    /// Light stations: arm angles, degrees, in shooting order, also where the rig file's own would be shot in another (`reference_patch`).
     pub stations_deg: Option<Vec<f64>>,
     /// The bracket as shutter labels (`1/100`, `0.4`, `15`), in shooting order.
     pub exposures: Option<Vec<String>>,
@@ -61,7 +62,7 @@ pub struct PlannedExposure {
 pub struct CapturePlan {
     /// Name of the sampled object.
     pub name: String,
-    /// Where the light goes.
+    /// Where the light goes, in shooting order: indices of stations count in this list.
     pub stations: Vec<Station>,
     /// The bracket shot at each.
     pub exposures: Vec<PlannedExposure>,
@@ -128,7 +129,11 @@ impl CapturePlan {
         if !reasons.is_empty() {
             return Err(PlanError { reasons });
         }
-        let angles = if lights.is_some() { spread(&angles) } else { angles };
+        let angles = match &request.stations_deg {
+            _ if lights.is_some() => spread(&angles),
+            Some(asked) => asked.clone(),
+            None => order::of_rig(rig),
+        };
         let station = |&angle_deg: &f64| Station {
             angle_deg,
             light_position_mm: rig.lamp.position_mm(angle_deg),
@@ -153,7 +158,9 @@ impl CapturePlan {
         }
         let mut tally = Tally::new(rig);
         plan.stations.iter().for_each(|station| tally.station(station.angle_deg, &plan.exposures));
-        plan.estimated_s = rig.lamp.steady_s + tally.seconds();
+        // One frame before the lamp is lit shows the room.
+        let room_s = plan.exposures.iter().map(PlannedExposure::seconds).fold(0.0, f64::max);
+        plan.estimated_s = room_s + rig.lamp.steady_s + tally.seconds();
         plan.estimated_bytes = plan.bytes(rig, false);
         Ok(plan)
     }

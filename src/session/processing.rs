@@ -80,7 +80,7 @@ pub struct FitJob {
     pub disk: Arc<dyn Disk>,
     /// The developed stations.
     pub stations: Vec<Station>,
-    /// How bright the lamp was at each of them, red green blue, relative to the first at which the reference patch tells.
+    /// How bright the lamp was at each of them, red green blue, relative to the first of the session, by the reference patch.
     pub brightness: Vec<[f64; 3]>,
     /// What the report must say before its own warnings.
     pub warnings: Vec<String>,

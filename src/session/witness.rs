@@ -1,15 +1,19 @@
 //! Do the pictures themselves say what their EXIF says? Every frame is compared with the others of its bracket, which show the same
 //! object under the same lamp for other times. A check that cannot be made, as of a bracket's first frame, is left out.
 
+mod watch;
+
 use super::calibration::plan::frontality;
 use super::crop;
-use super::plan::third_stop;
+use super::lamp::patch;
+use super::plan::{Station, third_stop};
 use crate::devices::camera::Shot;
 use crate::numerics::image::Image;
-use crate::numerics::quality::{Doubt, Look, Transfers, brighter, compare, expected_error};
+use crate::numerics::quality::{Doubt, Look, PatchLevel, Transfers, brighter, compare, expected_error};
 use crate::pipeline::decode::decode_into;
 use rig_config::Rig;
 use std::collections::{BTreeMap, HashMap};
+use watch::Watch;
 
 /// Frames of the bracket that a new one is compared with: those of the nearest times.
 const COMPARED: usize = 3;
@@ -59,6 +63,8 @@ struct Seen {
     label: String,
     true_s: f64,
     look: Look,
+    /// The reference patch, where it is looked at.
+    patch: Option<PatchLevel>,
 }
 
 /// What the frames of a session say of each other.
@@ -69,6 +75,7 @@ pub struct Witness {
     learned: Transfers,
     bracket: Vec<Seen>,
     drift: Option<Drift>,
+    watch: Watch,
     /// Least contrast by third stop of the exposure, of stations that light the camera's side of the object.
     contrast: BTreeMap<i64, f32>,
     memory: Image<[u8; 3]>,
@@ -83,6 +90,7 @@ impl Witness {
             learned: Transfers::default(),
             bracket: Vec::new(),
             drift: None,
+            watch: Watch::default(),
             contrast: BTreeMap::new(),
             memory: Image::filled(0, 0, [0; 3]),
         }
@@ -92,6 +100,12 @@ impl Witness {
     pub fn begin(&mut self) {
         self.bracket.clear();
         self.drift = None;
+        self.watch.part = None;
+    }
+
+    /// In the bracket that was begun the reference patch is lit: these are its pixels (left, top, columns, rows).
+    pub fn watch_patch(&mut self, part: [usize; 4]) {
+        self.watch.part = Some(part);
     }
 
     /// Judges a frame; `front`: its lamp lights the side of the object that the camera sees.
@@ -136,7 +150,7 @@ impl Witness {
         }
     }
 
-    /// Takes a frame that was committed into account.
+    /// Takes the frame that was judged last, and committed, into account. Of one that is kept of a broken bracket the patch is not looked at.
     pub fn accept(&mut self, shot: &Shot, look: Look, front: bool) {
         let true_s = shot.shutter.true_s;
         self.pixels.extend(look.hash.map(|hash| (hash, (shot.station, shot.exposure))));
@@ -147,7 +161,8 @@ impl Witness {
         {
             self.drift = Some(Drift { exposure: shot.exposure, change: change.exp_m1(), sigma });
         }
-        self.bracket.push(Seen { exposure: shot.exposure, label: shot.shutter.label.clone(), true_s, look });
+        let patch = self.watch.see(&self.memory);
+        self.bracket.push(Seen { exposure: shot.exposure, label: shot.shutter.label.clone(), true_s, look, patch });
     }
 
     /// What its frames show.
@@ -160,6 +175,11 @@ impl Witness {
         let bracket: Vec<_> = self.bracket.iter().map(|seen| (third_stop(seen.true_s), &seen.look)).collect();
         self.learned.learn(&bracket);
         self.drift.take()
+    }
+
+    /// What the reference patch tells of the whole bracket: what the lamp did, and why it is not what it was.
+    pub fn patch(&mut self) -> (Option<Drift>, Option<String>) {
+        self.watch.tell(&self.bracket)
     }
 
     /// While a bracket shows nothing, it can only be held against what other stations showed: in this time, or, if the lamp stands behind
@@ -267,6 +287,12 @@ pub fn agree(earlier: &Look, again: &Look) -> Result<(f64, f64), String> {
 pub fn part(rig: &Rig, calibrated: bool) -> [usize; 4] {
     crop::of_session(rig, calibrated)
         .map_or([0, 0, rig.camera.width, rig.camera.height], |c| [c.x, c.y, c.width, c.height])
+}
+
+/// The pixels of the reference patch that are looked at in the frames of a station: left, top, columns, rows; none where the lamp does not
+/// light it well enough, or without a patch.
+pub fn patch_part(rig: &Rig, station: &Station) -> Option<[usize; 4]> {
+    patch::lit(rig, station).map(|c| [c.x, c.y, c.width, c.height])
 }
 
 /// True if a lamp on the arm at this angle lights the half of the object that the camera sees.

@@ -38,6 +38,10 @@ pub struct SimulatedCamera {
     stage: StageHandle,
     faults: CameraFaults,
     lamp: SimulatedLamp,
+    /// Shots that the lamp lit.
+    lit_shots: u32,
+    /// Radiance that the room adds everywhere.
+    room: f64,
     speed: f64,
     model: &'static str,
     frame_number: u32,
@@ -60,6 +64,8 @@ impl SimulatedCamera {
             stage: StageHandle::default(),
             faults,
             lamp: SimulatedLamp::default(),
+            lit_shots: 0,
+            room: 0.0,
             speed: simulation.speed,
             model: MODEL,
             frame_number: 0,
@@ -90,11 +96,28 @@ impl SimulatedCamera {
         self
     }
 
+    /// The same camera in a room that is not dark: every pixel sees this much more radiance.
+    #[must_use]
+    pub fn in_room(mut self, radiance: f64) -> Self {
+        self.room = radiance;
+        self
+    }
+
+    /// What the lamp gives at this shot, red green blue; one that is off does not age.
+    fn lamp_light(&mut self) -> [f64; 3] {
+        if self.pose.get().lamp_permille == 0 {
+            return [1.0; 3];
+        }
+        let brightness = self.lamp.brightness(self.burning());
+        self.lit_shots += 1;
+        brightness
+    }
+
     /// What the lamp has been through; of an endless speed, all that warms up is over.
     fn burning(&self) -> Burning {
         let lit_s = self.pose.lit().map_or(0.0, |lit| lit.elapsed().as_secs_f64());
         let lit_s = if self.speed.is_finite() { self.speed * lit_s } else { f64::INFINITY };
-        Burning { lit_s, shots: self.frame_number }
+        Burning { lit_s, shots: self.lit_shots }
     }
 
     /// Waits for the exposure to end and returns the poses seen, each with its share of the time.
@@ -154,7 +177,7 @@ impl SimulatedCamera {
         cancel: &Cancel,
     ) -> Result<RawFrame, CameraError> {
         let poses = self.expose(shutter.true_s, cancel)?;
-        let lamp = self.lamp.brightness(self.burning());
+        let lamp = self.lamp_light();
         self.frame_number += 1;
         let radiance = self.gather(&poses);
         let open_s = match (fault, &self.last_shot) {
@@ -165,8 +188,8 @@ impl SimulatedCamera {
         let levels = match (fault, self.last_shot.take()) {
             (Some(Fault::StalePicture), Some((levels, _))) => levels,
             _ => {
-                let radiance = damage::under(lamp, &radiance);
-                let radiance = damage::radiance(fault, &radiance);
+                let radiance = damage::under(lamp, self.room, &radiance);
+                let radiance = damage::radiance(fault, &radiance, self.world.patch_bounds());
                 let mut levels = self.sensor.read_out(&radiance, open_s, self.frame_number);
                 damage::levels(fault, &mut levels);
                 levels

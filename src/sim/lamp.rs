@@ -8,7 +8,7 @@ use std::sync::Arc;
 pub struct Burning {
     /// Time since it was lit, seconds of the simulated rig.
     pub lit_s: f64,
-    /// Shots of its camera before this one.
+    /// Shots that it lit before this one.
     pub shots: u32,
 }
 

@@ -113,6 +113,11 @@ impl World {
         [lower(low[0]), lower(low[1]), upper(high[0], self.size.0), upper(high[1], self.size.1)]
     }
 
+    /// The part of the picture with the reference patch: left, top, right, bottom.
+    pub(super) fn patch_bounds(&self) -> Option<[usize; 4]> {
+        self.patch.as_ref().map(|patch| self.bounds(patch.outline()))
+    }
+
     /// Nothing of the patch is before the sample or behind it.
     fn with_patch(&self, mut image: Image<[f64; 3]>, light: &Light) -> Image<[f64; 3]> {
         let Some(patch) = &self.patch else { return image };

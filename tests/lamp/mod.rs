@@ -65,8 +65,12 @@ pub struct Stage {
     pub true_rig: Rig,
     pub pose: SharedPose,
     pub data: tempfile::TempDir,
+    /// What goes wrong with the next shots.
+    pub faults: CameraFaults,
+    /// Radiance that the room adds everywhere.
+    pub room: f64,
     lamp: SimulatedLamp,
-    /// Brightness at every shot.
+    /// Brightness at every shot that the lamp lit.
     pub burnt: Arc<Mutex<Vec<[f64; 3]>>>,
 }
 
@@ -80,13 +84,15 @@ impl Stage {
             brightness
         });
         let (true_rig, data) = (rig.clone(), tempfile::tempdir().unwrap());
-        Self { rig, true_rig, pose: SharedPose::default(), data, lamp, burnt }
+        let (pose, faults) = (SharedPose::default(), CameraFaults::default());
+        Self { rig, true_rig, pose, data, faults, room: 0.0, lamp, burnt }
     }
 
     pub fn engine(&self) -> EngineHandle {
         let simulated = SimulatedArm::spawn(ArmConfig::from_rig(&self.rig, self.pose.clone())).unwrap();
         let settings = RigprotoSettings::new(simulated.port().to_owned(), &self.rig.arm);
         let (rig, pose, lamp) = (self.true_rig.clone(), self.pose.clone(), self.lamp.clone());
+        let (faults, room) = (self.faults.clone(), self.room);
         start(EngineParts {
             rig: self.rig.clone(),
             rig_text: "the test's".into(),
@@ -98,8 +104,8 @@ impl Stage {
             }),
             open_camera: Box::new(move |_| {
                 let simulation = rig.simulation.as_ref().unwrap();
-                let camera = SimulatedCamera::new(&rig, simulation, pose.clone(), CameraFaults::default());
-                Ok(Box::new(camera.lit_by(lamp.clone())))
+                let camera = SimulatedCamera::new(&rig, simulation, pose.clone(), faults.clone());
+                Ok(Box::new(camera.lit_by(lamp.clone()).in_room(room)))
             }),
             remedies: Vec::new(),
             processing: Box::new(PipelineProcessing::new(&self.rig)),
@@ -112,7 +118,7 @@ impl Stage {
         self.data.path().join("sessions").join(id)
     }
 
-    /// Shots so far.
+    /// Shots under the lamp so far.
     pub fn shots(&self) -> usize {
         self.burnt.lock().unwrap().len()
     }

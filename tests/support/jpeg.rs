@@ -30,12 +30,16 @@ impl Exif {
 
 /// A grey JPEG whose content depends on the picture's number.
 pub fn encode(size: (usize, usize), exif: Option<&Exif>) -> Vec<u8> {
+    encode_at(20 + exif.map_or(0, |e| e.number % 200) as u8, size, exif)
+}
+
+/// A JPEG of one grey level.
+pub fn encode_at(level: u8, size: (usize, usize), exif: Option<&Exif>) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, 90);
     if let Some(exif) = exif {
         encoder.add_exif_metadata(&tiff(exif)).unwrap();
     }
-    let level = 20 + exif.map_or(0, |e| e.number % 200) as u8;
     let pixels = vec![level; size.0 * size.1];
     encoder.encode(&pixels, size.0 as u16, size.1 as u16, ColorType::Luma).unwrap();
     bytes

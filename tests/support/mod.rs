@@ -43,8 +43,10 @@ pub struct World {
     pub camera_open: bool,
     /// What the camera says when it is opened.
     pub supplies: Supplies,
-    /// Station, exposure, lamp level and angle at every shot.
+    /// Station, exposure, lamp level and angle at every shot under the lamp.
     pub shots: Vec<(usize, usize, u16, f64)>,
+    /// Shots with the lamp off, which show a dark room; no script is asked about them.
+    pub dark_shots: usize,
     pub developed: Vec<(usize, usize)>,
     pub fitted: Vec<usize>,
     /// Step and its frames.
@@ -343,6 +345,10 @@ impl Camera for FakeCamera {
         let count = {
             let mut world = self.fakes.world();
             let (lamp, angle) = (world.lamp, world.angle_deg);
+            if lamp == 0 {
+                world.dark_shots += 1;
+                return Ok(dark(shot, &world));
+            }
             world.shots.push((shot.station, shot.exposure, lamp, angle));
             world.shots.len() - 1
         };
@@ -361,6 +367,14 @@ impl Camera for FakeCamera {
         self.last.clone_from(&bytes);
         Ok(RawFrame { bytes, name: format!("IMG_{count:04}.JPG"), transfer: Duration::ZERO })
     }
+}
+
+/// A picture without a lamp; its number is none that a lit one has.
+fn dark(shot: &Shot, world: &World) -> RawFrame {
+    let mut exif = jpeg::Exif::of(shot, world.shots.len());
+    exif.number = 1_000_000 + world.dark_shots as u32;
+    let name = format!("DARK_{:04}.JPG", world.dark_shots);
+    RawFrame { bytes: jpeg::encode_at(0, SIZE, Some(&exif)), name, transfer: Duration::ZERO }
 }
 
 impl Drop for FakeCamera {

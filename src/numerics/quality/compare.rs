@@ -130,6 +130,11 @@ pub fn brighter(first: &Look, second: &Look) -> Option<(f64, f64)> {
     (both.len() >= ENOUGH).then(|| exposure(&both, 1.0, false))
 }
 
+/// Exposure of a level over that of another, by the assumed curve: right to a few tenths of itself.
+pub fn relative_exposure(level: f64, of: f64) -> f64 {
+    assumed_exposure(level) / assumed_exposure(of)
+}
+
 /// The standard error to be expected of [`brighter`] if the frame is shot again; infinite where too little of it is well exposed.
 pub fn expected_error(look: &Look) -> f64 {
     let both = seen_in_both(look, look, 1.0, None);
@@ -262,7 +267,7 @@ fn assumed_level(exposure: f64) -> f64 {
 }
 
 /// Levels a unit of ln exposure.
-fn assumed_slope(level: f64) -> f64 {
+pub(super) fn assumed_slope(level: f64) -> f64 {
     let exposure = assumed_exposure(level);
     (assumed_level(exposure * 1.01) - assumed_level(exposure / 1.01)) / (2.0 * 1.01_f64.ln())
 }

@@ -91,6 +91,13 @@ impl Look {
         }
     }
 
+    /// Middle one of the samples' levels.
+    pub fn median(&self) -> f32 {
+        let mut levels: Vec<f32> = self.samples.iter().map(|sample| sample.level).collect();
+        levels.sort_by(f32::total_cmp);
+        levels.get(levels.len() / 2).copied().unwrap_or_default()
+    }
+
     /// The middle of a sample, pixel coordinates of the frame.
     pub fn pixel(&self, index: usize) -> [f64; 2] {
         let columns = self.columns.max(1);

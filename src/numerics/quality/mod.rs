@@ -4,9 +4,11 @@
 mod compare;
 mod light;
 mod look;
+mod patch;
 mod transfer;
 
-pub use compare::{Compared, Doubt, brighter, compare, expected_error};
+pub use compare::{Compared, Doubt, brighter, compare, expected_error, relative_exposure};
 pub use light::{Ball, Light, Place, between};
 pub use look::Look;
+pub use patch::{PatchLevel, patch_change};
 pub use transfer::Transfers;

@@ -35,12 +35,30 @@ pub struct Lean {
     pub error: f64,
     /// What the readings scatter about drift and lean, relative, rms.
     pub scatter: f64,
+    /// The lamp's drift: by powers of time from the first on, natural logarithm, red green blue.
+    drift: [[f64; 3]; POWERS],
+    /// Where it begins, natural logarithm of the brightness after the lighting of the first reading.
+    begin: [f64; 3],
 }
 
 impl Lean {
     /// What the patch shows more for it, as a factor.
     pub fn factor(&self, aside: [f64; 2]) -> f64 {
         1.0 + self.by[0] * aside[0] + self.by[1] * aside[1]
+    }
+
+    /// By how much the smooth drift makes the lamp brighter from one time to another, as a factor, red green blue.
+    pub fn drift(&self, from: f64, to: f64) -> [f64; 3] {
+        std::array::from_fn(|c| (self.grown(c, to) - self.grown(c, from)).exp())
+    }
+
+    /// The brightness that it has at a time, if the lamp is not lit anew: all readings tell it, more surely than any one.
+    pub fn smooth(&self, time: f64) -> [f64; 3] {
+        std::array::from_fn(|c| (self.begin[c] + self.grown(c, time)).exp())
+    }
+
+    fn grown(&self, c: usize, time: f64) -> f64 {
+        self.drift.iter().rev().fold(0.0, |sum, power| (sum + power[c]) * time)
     }
 }
 
@@ -51,7 +69,8 @@ pub fn lean(seen: &[Seen]) -> Option<Lean> {
     let powers = if seen.len() >= MANY { POWERS } else { 1 };
     let unknowns = 2 + 3 * (powers + lightings);
     let freedom = (3 * seen.len()).checked_sub(unknowns).filter(|&left| left > 0)?;
-    let mut lean = Lean { by: [0.0; 2], error: f64::INFINITY, scatter: f64::INFINITY };
+    let mut lean =
+        Lean { by: [0.0; 2], error: f64::INFINITY, scatter: f64::INFINITY, drift: [[0.0; 3]; POWERS], begin: [0.0; 3] };
     for _ in 0..ROUNDS {
         let (matrix, values) = equations(seen, &lean, powers, lightings);
         let mut normal = matrix.transpose() * &matrix / (READING * READING);
@@ -68,6 +87,10 @@ pub fn lean(seen: &[Seen]) -> Option<Lean> {
         let step = solved.solve(&right);
         let rest = values - matrix * &step;
         lean.by = [lean.by[0] + step[0], lean.by[1] + step[1]];
+        for power in 0..powers {
+            lean.drift[power] = [0, 1, 2].map(|c| step[2 + 3 * power + c]);
+        }
+        lean.begin = [0, 1, 2].map(|c| step[2 + 3 * (powers + seen[0].lighting) + c]);
         lean.scatter = (rest.norm_squared() / freedom as f64).sqrt();
         let covariance = solved.inverse() * (lean.scatter / READING).max(1.0).powi(2);
         lean.error = largest_error(seen, &covariance);
@@ -136,6 +159,8 @@ mod tests {
             for drift in [0.0, -0.05, 0.03] {
                 let found = lean(&seen(&THREE_WAYS, [by, 0.0], |time| 1.0 + drift * time)).unwrap();
                 assert!((found.by[0] - by).abs() < 1e-3 && found.error < 1e-3, "{by} {drift}: {found:?}");
+                let later = found.drift(0.0, 1.25)[1] / (1.0 + 1.25 * drift) - 1.0;
+                assert!(later.abs() < 2e-3, "{by} {drift}: {later}, a quarter of the session after its end");
             }
         }
     }

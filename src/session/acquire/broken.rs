@@ -44,7 +44,7 @@ impl Acquisition<'_> {
             return Ok(Vec::new());
         };
         let Shot { exposure, shutter, .. } = &control.shot;
-        let again = self.test_frame(&control.shot, angle_deg)?;
+        let again = self.test_frame(&control.shot, Some(angle_deg))?;
         match again.and_then(|again| agree(&control.look, &again)) {
             Ok((change, sigma)) => {
                 let exposures: Vec<usize> = kept.iter().map(|kept| kept.shot.exposure).collect();

@@ -68,9 +68,10 @@ impl Acquisition<'_> {
         self.book.lock().device_fault = opened.as_ref().err().cloned();
         let (arm, camera) = opened.map_err(|reason| self.unfit(reason))?;
         self.doubt_devices(&arm, &camera)?;
-        self.check_supplies()?;
+        let spare = self.check_supplies()?;
         self.book.identify(self.id, arm, camera).map_err(|e| Ended::Failed(e.to_string()))?;
         self.safe_point()?;
+        self.see_room(spare)?;
         if let Err(error) = self.bench.prepare(&self.book.cancel) {
             return match self.arm_trouble(&error) {
                 // In a session with frames an arm that falls silent is brought back here as it is between two frames.
@@ -87,8 +88,8 @@ impl Acquisition<'_> {
         }
     }
 
-    /// Refuses a card that will not do for the frames still to be shot; journals a battery that may not last.
-    fn check_supplies(&mut self) -> Result<(), Ended> {
+    /// Refuses a card that will not do for the frames still to be shot; journals a battery that may not last. True if it takes one more.
+    fn check_supplies(&mut self) -> Result<bool, Ended> {
         let supplies = self.bench.camera().map_err(|e| self.unfit(e.to_string()))?.supplies().clone();
         let (left, seconds) = self
             .book
@@ -102,10 +103,10 @@ impl Acquisition<'_> {
         if let Some(reason) = small_card(&supplies, left) {
             return Err(self.unfit(reason));
         }
-        match weak_battery(&supplies, seconds) {
-            Some(warning) => self.record("session.doubted", json!({"warnings": [warning]})),
-            None => Ok(()),
+        if let Some(warning) = weak_battery(&supplies, seconds) {
+            self.record("session.doubted", json!({"warnings": [warning]}))?;
         }
+        Ok(small_card(&supplies, left + 1).is_none())
     }
 
     /// Devices that are not fit for a session end a new one, and leave one with frames as it was.

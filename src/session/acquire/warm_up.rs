@@ -40,7 +40,7 @@ impl Acquisition<'_> {
         let mut looks = vec![first];
         while looks.len() < MOST {
             self.rest(self.rig.lamp.steady_s / (READINGS - 1) as f64)?;
-            let look = match self.test_frame(&shot, angle_deg)? {
+            let look = match self.test_frame(&shot, Some(angle_deg))? {
                 Ok(look) => look,
                 Err(reason) => return self.put_up_with(format!("a test frame does not serve: {reason}")),
             };
@@ -64,7 +64,7 @@ impl Acquisition<'_> {
         for exposure in 0..self.work.exposures(than.station).len() {
             let shot = self.shot(than.station, exposure)?;
             if shot.shutter.true_s < than.shutter.true_s
-                && let Ok(look) = self.test_frame(&shot, angle_deg)?
+                && let Ok(look) = self.test_frame(&shot, Some(angle_deg))?
             {
                 self.witness.lit(&shot, &look, lights_front(self.rig, angle_deg));
             }
@@ -98,7 +98,7 @@ impl Acquisition<'_> {
         let (mut seen, mut showing) = (0, 0);
         for (_, exposure) in outwards {
             let shot = self.shot(station, exposure)?;
-            let Ok(look) = self.test_frame(&shot, angle_deg)? else { continue };
+            let Ok(look) = self.test_frame(&shot, Some(angle_deg))? else { continue };
             seen += 1;
             showing += usize::from(look.shows());
             if brighter(&look, &look).is_some() {
@@ -115,14 +115,16 @@ impl Acquisition<'_> {
         Err(Ended::Interrupted(format!("{LAMP_OUT}: {reason}")).into())
     }
 
-    /// A frame that does not count; the inner error says why none serves.
-    pub(super) fn test_frame(&mut self, shot: &Shot, angle_deg: f64) -> Result<Result<Look, String>, Trouble> {
+    /// A frame that does not count, lit from this angle or, without one, by no lamp; the inner error says why none serves.
+    pub(super) fn test_frame(&mut self, shot: &Shot, lit_from: Option<f64>) -> Result<Result<Look, String>, Trouble> {
         let mut why = String::new();
         for _ in 0..TRIES {
             self.safe_point()?;
             match self.shoot(shot)? {
                 Taken::Good(frame, ..) => {
-                    self.check_light(angle_deg)?;
+                    if let Some(angle_deg) = lit_from {
+                        self.check_light(angle_deg)?;
+                    }
                     match self.witness.look(&frame.bytes) {
                         Ok(look) => return Ok(Ok(look)),
                         Err(reason) => why = reason,

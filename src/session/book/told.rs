@@ -8,18 +8,13 @@ pub(super) fn log(session: &str, record: &Value) {
     let [seq, station, exposure] = ["seq", "station", "exposure"].map(|key| record[key].as_u64());
     let [frame, reason] = ["file", "reason"].map(|key| record[key].as_str());
     match kind {
-        "fault.raised"
-        | "frame.rejected"
-        | "bracket.rejected"
-        | "frame.lost"
-        | "calibration.doubted"
-        | "session.doubted"
-        | "lamp.unsteady" => {
-            tracing::warn!(session, seq, station, exposure, frame, reason, "{kind}");
-        }
         "frame.committed" | "bracket.resumed" | "station.developed" | "fit.finished" | "fault.cleared" => {
             tracing::info!(session, seq, station, exposure, frame, "{kind}");
         }
+        "fault.raised" | "frame.rejected" | "bracket.rejected" | "frame.lost" | "ambient.failed" => {
+            tracing::warn!(session, seq, station, exposure, frame, reason, "{kind}");
+        }
+        _ if record["warnings"].is_array() => tracing::warn!(session, seq, station, "{kind}"),
         _ => tracing::debug!(session, seq, station, exposure, frame, "{kind}"),
     }
 }

@@ -1,4 +1,4 @@
-//! How bright the lamp was at every station, relative to the first at which the reference patch tells.
+//! How bright the lamp was at every station, relative to the first, as far as the reference patch tells.
 
 use crate::numerics::radiometry::drift::PatchMean;
 use crate::numerics::radiometry::lean::{Lean, Seen, lean};
@@ -9,6 +9,9 @@ use utoipa::ToSchema;
 /// The patch tells when its own normal leaves no larger error in a brightness relative to the first, and the readings scatter by no more.
 const TOLD: f64 = 0.002;
 const SCATTER: f64 = 0.005;
+/// Before the first station that tells, and after the last, the smooth drift is followed for so much of the time between them, and no
+/// farther.
+const BEYOND: f64 = 0.5;
 /// A lamp is warned of when it changes by this much from one station to the next that tells, and in all.
 const STEP: f64 = 0.02;
 const TOTAL: f64 = 0.05;
@@ -49,6 +52,15 @@ pub struct LampDrift {
 #[derive(Clone, Debug, Default)]
 pub struct Drift {
     readings: BTreeMap<usize, (PatchReading, usize)>,
+}
+
+/// The time of a station, as the readings' own, but no farther beyond them than the drift is followed.
+fn clock(seen: &BTreeMap<usize, Seen>) -> impl Fn(usize) -> f64 + use<> {
+    let first = seen.first_key_value().map_or(0.0, |(_, s)| s.time);
+    let (last, station_time) =
+        seen.last_key_value().map_or((0.0, 0.0), |(station, s)| (s.time, s.time / (*station).max(1) as f64));
+    let reach = BEYOND * (last - first);
+    move |station| (station_time * station as f64).clamp(first - reach, last + reach)
 }
 
 /// The larger change of two.
@@ -95,8 +107,8 @@ impl Drift {
                 Err(format!("its readings scatter by {:.2} % about any smooth drift", 100.0 * scatter))
             }
             Some(Lean { error, .. }) if error > TOLD => Err(format!(
-                "its stated normal may be wrong, which these stations in this order do not tell from a drift ({:.2} %): shoot every third \
-                 station on the way out, the next ones on the way back, the rest on the way out again",
+                "its stated normal may be wrong, which these stations in this order do not tell from a drift ({:.2} %): leave stations_deg \
+                 out of the request, or shoot every third one on the way out, the next ones on the way back, the rest on the way out again",
                 100.0 * error
             )),
             Some(lean) => Ok(lean),
@@ -105,11 +117,15 @@ impl Drift {
 
     /// Brightness at the stations that tell, relative to the first of them.
     fn relative(&self) -> Option<BTreeMap<usize, [f64; 3]>> {
-        let seen = self.seen();
-        let lean = Self::lean(&seen).ok()?;
+        Self::told(&self.seen()).map(|(told, _)| told)
+    }
+
+    /// The same, with the smooth drift about which it is.
+    fn told(seen: &BTreeMap<usize, Seen>) -> Option<(BTreeMap<usize, [f64; 3]>, Lean)> {
+        let lean = Self::lean(seen).ok()?;
         let first = lean.factor(seen.values().next()?.aside);
         let told = |(station, s): (&usize, &Seen)| (*station, s.brightness.map(|b| b * first / lean.factor(s.aside)));
-        Some(seen.iter().map(told).collect())
+        Some((seen.iter().map(told).collect(), lean))
     }
 
     /// Why a patch that was read does not tell what the lamp did; none where it does, or where there is none.
@@ -118,10 +134,12 @@ impl Drift {
         Some(format!("the reference patch does not tell how bright the lamp was, which is taken to be steady: {why}"))
     }
 
-    /// Brightness at each of the first `stations` stations. Between two that tell it is taken to change evenly, station by station; before
-    /// the first and after the last it is theirs. Steady where the patch does not tell.
+    /// Brightness at each of the first `stations` stations, relative to what the smooth drift has at the very first. Between two that tell it is taken to change evenly, station by station; before
+    /// the first and after the last it follows the smooth drift for a while. Steady where the patch does not tell.
     pub fn of_stations(&self, stations: usize) -> Vec<[f64; 3]> {
-        let told = self.relative().unwrap_or_default();
+        let seen = self.seen();
+        let Some((told, lean)) = Self::told(&seen) else { return vec![[1.0; 3]; stations] };
+        let time = clock(&seen);
         let at = |station: usize| {
             let (before, after) = (told.range(..=station).next_back(), told.range(station..).next());
             match (before, after) {
@@ -129,11 +147,17 @@ impl Drift {
                     let part = (station - i) as f64 / (j - i) as f64;
                     std::array::from_fn(|c| a[c] + part * (b[c] - a[c]))
                 }
-                (Some((_, only)), _) | (_, Some((_, only))) => *only,
+                (Some((end, last)), _) | (_, Some((end, last))) => {
+                    let drift = lean.drift(time(*end), time(station));
+                    std::array::from_fn(|c| last[c] * drift[c])
+                }
                 (None, None) => [1.0; 3],
             }
         };
-        (0..stations).map(at).collect()
+        // What is read at one station is off by more than what all readings say of it.
+        let scale = seen.values().next().map_or(1.0, |s| lean.factor(s.aside));
+        let first = lean.smooth(time(0)).map(|brightness| brightness * scale);
+        (0..stations).map(at).map(|now| std::array::from_fn(|c| now[c] / first[c])).collect()
     }
 
     /// In numbers; none while the patch does not tell.
@@ -205,21 +229,32 @@ mod tests {
     }
 
     #[test]
-    fn brightness_is_relative_to_the_first_and_even_where_the_patch_does_not_tell() {
+    fn brightness_is_relative_to_the_first_and_goes_on_evenly_where_the_patch_does_not_tell() {
         let loss = |i: usize| [1.0 - 0.005 * i as f64, 1.0, 2.0 + 0.01 * i as f64];
         let mut drift = of(loss);
         drift.take(3, None, 0);
         drift.take(8, None, 0);
-        let found = drift.of_stations(12);
+        let found = drift.of_stations(40);
         let wanted = |i: usize| [1.0 - 0.005 * i as f64, 1.0, 1.0 + 0.005 * i as f64];
         assert!((0..8).all(|i| near(found[i], wanted(i))), "{found:?}");
-        assert!((8..12).all(|i| near(found[i], wanted(7))), "{found:?}");
+        // It tells until station 7: three and a half stations beyond, the drift is followed no farther.
+        assert!((8..11).all(|i| near(found[i], wanted(i))), "{found:?}");
+        assert!(near(found[11], [1.0 - 0.005 * 10.5, 1.0, 1.0 + 0.005 * 10.5]) && found[11] == found[39], "{found:?}");
         let summary = drift.summary();
         assert!(summary.is_some_and(|s| s.stations == 7 && (s.change.abs() - 0.035).abs() < 1e-3), "{summary:?}");
         // A station shot again, and one at which somebody stood before the patch.
         drift.take(8, Some(reading(ANGLES[8], loss(8))), 0);
         drift.take(5, Some(reading(ANGLES[5], [0.3, 0.3, 0.6])), 0);
         assert!(near(drift.of_stations(9)[8], wanted(8)) && near(drift.of_stations(9)[5], wanted(5)));
+    }
+
+    #[test]
+    fn a_first_station_that_does_not_tell_is_what_all_are_relative_to() {
+        let loss = |i: usize| [1.0 - 0.005 * i as f64; 3];
+        let mut drift = of(loss);
+        drift.take(0, None, 0);
+        let found = drift.of_stations(9);
+        assert!((0..9).all(|i| near(found[i], loss(i))), "{found:?}");
     }
 
     #[test]

@@ -37,11 +37,22 @@ pub fn read(
     noise: &SensorNoise,
 ) -> Option<Result<PatchReading, String>> {
     let view = View::of(rig)?;
-    let light = Light::Point {
+    Some(view.read(&light(rig, station), frames, known, noise))
+}
+
+/// Its pixels in the frames of a station, where the lamp lights it well enough; none elsewhere, or without a patch.
+pub fn lit(rig: &Rig, station: &Station) -> Option<Crop> {
+    let view = View::of(rig)?;
+    let part = view.pixels()?;
+    view.expected(&part, &light(rig, station)).is_ok().then_some(part)
+}
+
+/// The lamp as planned for a station.
+fn light(rig: &Rig, station: &Station) -> Light {
+    Light::Point {
         position: Vec3::from(station.light_position_mm),
         intensity: station.light_intensity.unwrap_or(rig.lamp.intensity),
-    };
-    Some(view.read(&light, frames, known, noise))
+    }
 }
 
 impl View {

@@ -4,25 +4,30 @@ use super::faults::Fault;
 use crate::numerics::image::Image;
 use std::borrow::Cow;
 
-/// The radiance under a lamp of this brightness, red green blue, relative to the rig file's.
-pub(super) fn under(lamp: [f64; 3], image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
-    if lamp == [1.0; 3] {
+/// The radiance under a lamp of this brightness, red green blue, relative to the rig file's, in a room that adds this much.
+pub(super) fn under(lamp: [f64; 3], room: f64, image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
+    if lamp == [1.0; 3] && room == 0.0 {
         return Cow::Borrowed(image);
     }
-    let pixels = image.pixels.iter().map(|pixel| std::array::from_fn(|c| pixel[c] * lamp[c])).collect();
+    let pixels = image.pixels.iter().map(|pixel| std::array::from_fn(|c| pixel[c] * lamp[c] + room)).collect();
     Cow::Owned(Image { pixels, ..*image })
 }
 
-/// The radiance that the sensor sees with this fault.
-pub(super) fn radiance(fault: Option<Fault>, image: &Image<[f64; 3]>) -> Cow<'_, Image<[f64; 3]>> {
-    Cow::Owned(match fault {
-        Some(Fault::LampAt(permille)) => each(image, |c| c * f64::from(permille) / 1000.0),
-        Some(Fault::Ambient(permille)) => {
+/// The radiance that the sensor sees with this fault; `patch`: left, top, right, bottom of the reference patch.
+pub(super) fn radiance(
+    fault: Option<Fault>,
+    image: &Image<[f64; 3]>,
+    patch: Option<[usize; 4]>,
+) -> Cow<'_, Image<[f64; 3]>> {
+    Cow::Owned(match (fault, patch) {
+        (Some(Fault::LampAt(permille)), _) => each(image, |c| c * f64::from(permille) / 1000.0),
+        (Some(Fault::Ambient(permille)), _) => {
             let more = mean_of_lit(image) * f64::from(permille) / 1000.0;
             each(image, |c| c + more)
         }
-        Some(Fault::Shake(pixels)) => shaken(image, usize::from(pixels)),
-        Some(Fault::Moved(x, y)) => moved(image, isize::from(x), isize::from(y)),
+        (Some(Fault::PatchAt(permille)), Some(patch)) => within(image, patch, f64::from(permille) / 1000.0),
+        (Some(Fault::Shake(pixels)), _) => shaken(image, usize::from(pixels)),
+        (Some(Fault::Moved(x, y)), _) => moved(image, isize::from(x), isize::from(y)),
         _ => return Cow::Borrowed(image),
     })
 }
@@ -48,6 +53,14 @@ pub(super) fn levels(fault: Option<Fault>, image: &mut Image<[f32; 3]>) {
 fn each(image: &Image<[f64; 3]>, change: impl Fn(f64) -> f64) -> Image<[f64; 3]> {
     let pixels = image.pixels.iter().map(|pixel| pixel.map(&change)).collect();
     Image { pixels, ..*image }
+}
+
+fn within(image: &Image<[f64; 3]>, [left, top, right, bottom]: [usize; 4], part: f64) -> Image<[f64; 3]> {
+    let mut changed = Image { pixels: image.pixels.clone(), ..*image };
+    for row in changed.pixels.chunks_mut(image.width).take(bottom).skip(top) {
+        row.iter_mut().take(right).skip(left).for_each(|pixel| *pixel = pixel.map(|c| c * part));
+    }
+    changed
 }
 
 fn mean_of_lit(image: &Image<[f64; 3]>) -> f64 {

@@ -20,6 +20,8 @@ pub enum Fault {
     StalePicture,
     /// The lamp gives this part of its light, permille: 0 is burnt out.
     LampAt(u16),
+    /// Something is before the reference patch, which shows this part of its light, permille. Sound without a patch.
+    PatchAt(u16),
     /// A room light is on: so much of the mean radiance of what is lit, permille, everywhere.
     Ambient(u16),
     /// Every other band of rows of this height is this many levels too bright.

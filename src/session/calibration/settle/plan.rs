@@ -3,6 +3,7 @@
 
 use crate::session::calibration::plan::{Approach, CalibrationPlan, CalibrationRequest, PlannedStep};
 use crate::session::calibration::step::Step;
+use crate::session::order;
 use crate::session::plan::{PlanError, PlannedExposure, check_name};
 use rig_config::{Rig, Shutter};
 
@@ -15,9 +16,10 @@ const SHORT_DEG: f64 = 2.0;
 /// How long the arm rests before a move, seconds: what the way back has stirred must not go into the next move.
 pub const REST_S: f64 = 5.0;
 
-/// The largest step between two stations of the plan, from and to, degrees; of a plan of one station the way from the park position.
+/// The largest step between two stations of the plan as a session shoots it, from and to, degrees; of a plan of one station the way from
+/// the park position.
 fn largest_step(rig: &Rig) -> Option<(f64, f64)> {
-    let stations = &rig.plan.stations_deg;
+    let stations = order::of_rig(rig);
     let steps = stations.windows(2).filter_map(|pair| Some((*pair.first()?, *pair.get(1)?)));
     let first = stations.first().map(|&first| (rig.arm.park_deg, first));
     let length = |(from, to): (f64, f64)| (to - from).abs();
