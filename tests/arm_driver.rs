@@ -271,7 +271,7 @@ fn a_frozen_controller_is_silence_not_a_hang() {
     until("an answer", || arm.status().is_ok());
     // It slept through the dead-man time, and says so.
     assert_eq!(arm.status().unwrap().faults, Faults::HOST_LOST.0);
-    assert!(matches!(arm.move_to(0.0, &Cancel::default()), Err(ArmError::Refused { .. })));
+    assert!(matches!(arm.move_to(0.0, &Cancel::default()), Err(ArmError::Locked { .. })));
     arm.home(&Cancel::default()).unwrap();
 }
 

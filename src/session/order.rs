@@ -50,7 +50,7 @@ mod tests {
         assert_eq!(of_rig(&rig(&SHIPPED)), SHIPPED);
         assert_eq!(of_rig(&with_patch(&SHIPPED)), [-55.0, 50.0, 140.0, 85.0, -20.0, 15.0, 115.0]);
         let down: Vec<f64> = SHIPPED.iter().rev().copied().collect();
-        assert_eq!(of_rig(&with_patch(&down)), [140.0, 50.0, -55.0, -20.0, 85.0, 115.0, 15.0]);
+        assert_eq!(of_rig(&with_patch(&down)), [140.0, 50.0, -55.0, 15.0, 115.0, 85.0, -20.0]);
         for few in [&[10.0][..], &[10.0, 20.0], &[10.0, 20.0, 30.0]] {
             assert_eq!(of_rig(&with_patch(few)), few);
         }

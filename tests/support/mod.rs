@@ -45,6 +45,8 @@ pub struct World {
     pub supplies: Supplies,
     /// Station, exposure, lamp level and angle at every shot under the lamp.
     pub shots: Vec<(usize, usize, u16, f64)>,
+    /// The lamp is not the fake arm's: the camera does not know whether it is lit, and has no picture of the dark room.
+    pub lamp_unseen: bool,
     /// Shots with the lamp off, which show a dark room; no script is asked about them.
     pub dark_shots: usize,
     pub developed: Vec<(usize, usize)>,
@@ -156,6 +158,7 @@ impl Fakes {
 
     /// An engine in real time whose arm is opened by `open_arm`.
     pub fn engine_with_arm(&self, data: &Path, rig: Rig, open_arm: OpenArm) -> EngineHandle {
+        self.world().lamp_unseen = true;
         start(EngineParts { open_arm, speed: 1.0, ..self.parts(self.store(data), rig, "name = \"fake rig\"") }).unwrap()
     }
 
@@ -341,11 +344,14 @@ impl Camera for FakeCamera {
     fn supplies(&self) -> Supplies {
         self.fakes.world().supplies.clone()
     }
+    fn is_live(&self) -> bool {
+        !self.fakes.world().lamp_unseen
+    }
     fn shoot(&mut self, shot: &Shot, cancel: &Cancel) -> Result<RawFrame, CameraError> {
         let count = {
             let mut world = self.fakes.world();
             let (lamp, angle) = (world.lamp, world.angle_deg);
-            if lamp == 0 {
+            if lamp == 0 && !world.lamp_unseen {
                 world.dark_shots += 1;
                 return Ok(dark(shot, &world));
             }
