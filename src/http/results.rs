@@ -158,6 +158,8 @@ fn stream(file: File, length: u64) -> Body {
 }
 
 /// Fit a finished session again
+///
+/// Not while a session or a calibration holds the rig: its lamp would be lit for the fit.
 #[utoipa::path(post, path = "/v1/sessions/{id}/fit", tag = "results", request_body = FitRequest,
     params(("id" = String, Path, description = "Session id.")),
     responses(
