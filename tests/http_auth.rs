@@ -169,7 +169,9 @@ fn files_of_tokens_are_private_and_whole() {
     write_private(&tokens, &format!("read {READ}\n{CONTROL}\n"));
     refusal("line 2: write `read TOKEN`");
     std::fs::remove_file(&tokens).unwrap();
-    refusal("cannot be opened");
+    refusal("there is no such file of secrets");
+    nix::unistd::mkfifo(&tokens, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    refusal("this is a pipe (FIFO)");
 }
 
 /// What systemd's LoadCredential hands over counts like a file of the rig file; an empty one is none.

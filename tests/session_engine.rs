@@ -198,10 +198,16 @@ fn a_bracket_that_cannot_be_developed_ends_the_session_with_the_reason() {
 fn a_plan_that_does_not_fit_on_the_disk_is_refused_with_the_bytes_needed() {
     let (data, fakes) = (tempfile::tempdir().unwrap(), Fakes::default());
     let engine = fakes.engine(data.path());
-    fakes.disk.free.store(5000, std::sync::atomic::Ordering::SeqCst);
     let needed = engine.plan(&StartRequest::default()).unwrap().estimated_bytes + 1000;
-    let refused = engine.start(&StartRequest::default(), None);
-    assert!(matches!(refused, Err(EngineError::NoSpace { needed: n, free: 5000, .. }) if n == needed), "{refused:?}");
+    fakes.disk.free.store(5000, std::sync::atomic::Ordering::SeqCst);
+    let dry = engine.plan(&StartRequest::default()).map(|_| ());
+    let refused = engine.start(&StartRequest::default(), None).map(|_| ());
+    for refused in [dry, refused] {
+        assert!(
+            matches!(refused, Err(EngineError::NoSpace { needed: n, free: 5000, .. }) if n == needed),
+            "{refused:?}"
+        );
+    }
     assert_eq!(engine.readiness().unwrap_err().len(), 1);
     assert!(engine.sessions().is_empty());
 }

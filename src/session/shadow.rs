@@ -10,6 +10,9 @@ use rig_config::Rig;
 const FIRST: f64 = 10.0;
 const LATER: f64 = 6.0;
 const ERRORS: f64 = 4.0;
+/// A lamp less far off the camera's way, degrees, is not judged: the edge of what it lights lies on the outline, and one sound bracket in
+/// a hundred reads as 10 degrees off.
+const FRONT: f64 = 30.0;
 /// A reading of a larger standard error says nothing of the session's own zero, degrees.
 const SURE: f64 = 1.5;
 /// Readings from which a zero that is further off than this, degrees, is told.
@@ -69,6 +72,9 @@ impl Shadow {
     /// # Errors
     /// Where the lamp stands instead.
     pub fn judge(&mut self, looks: &[&Look], angle_deg: f64) -> Result<(), String> {
+        if self.off_camera_deg(angle_deg + self.usual()) < FRONT {
+            return Ok(());
+        }
         let Some((reading, light)) = self.read(looks, angle_deg) else { return Ok(()) };
         if reading.off_deg().abs() > reading.most_deg {
             let Reading { seen_deg, sigma_deg, expected_deg, most_deg } = reading;
@@ -84,6 +90,13 @@ impl Shadow {
             self.offsets.push(between(reading.seen_deg, angle_deg));
         }
         Ok(())
+    }
+
+    /// How far off the camera's way the lamp stands, seen from the object, degrees.
+    fn off_camera_deg(&self, angle_deg: f64) -> f64 {
+        let center = Vec3::from(self.rig.object.center_mm);
+        let lamp = Vec3::from(self.rig.lamp.position_mm(angle_deg)) - center;
+        lamp.angle(&-center).to_degrees()
     }
 
     /// The arm's zero is not where the rig file says: told once.

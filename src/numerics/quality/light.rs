@@ -14,6 +14,8 @@ const LEAST_RADIUS: f64 = 12.0;
 /// which at most `DROWNED` of the lit samples are clipped.
 const ABOVE: f32 = 8.0;
 const DROWNED: f64 = 0.5;
+/// Level of the brightest hundredth, at least: where it is lower, surface that the light only grazes stays dark for want of exposure.
+const EXPOSED: f32 = 150.0;
 /// Share of the ball that must be lit.
 const LEAST_LIT: f64 = 0.03;
 /// What the ball's place in the frame is known to before anything is seen, in radii.
@@ -166,7 +168,8 @@ impl Ball {
             self.samples.iter().filter(|(index, _)| look.samples.get(*index).is_some_and(|s| s.level >= least)).count()
         };
         let least = |look: &Look| DARK.max(look.background + ABOVE);
-        let counted = looks.iter().map(|&look| (look, levels(look, least(look))));
+        let exposed = looks.iter().filter(|look| look.bright >= EXPOSED);
+        let counted = exposed.map(|&look| (look, levels(look, least(look))));
         let undrowned = counted.filter(|&(look, lit)| levels(look, CLIPPED) as f64 <= DROWNED * lit as f64);
         let (look, lit) = undrowned.max_by_key(|&(_, lit)| lit)?;
         let seen = |(index, _): &(usize, Vec3)| look.samples.get(*index).map(|s| f64::from(s.level >= least(look)));
