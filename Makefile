@@ -1,5 +1,6 @@
 # make demo: one acquisition on the simulated rig, from the start request to the recovered material.
 # make test: every check and test of the workspace; the first that fails ends the run.
+# make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
@@ -9,7 +10,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract deb deb-check
+	firmware firmware-cross unit-file openapi contract browser deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -124,6 +125,17 @@ contract: release
 openapi: release
 	$(heading) 'fuzz of the REST surface'
 	@tests/schemathesis.sh '$(RIGD)' 60
+
+PICTURES := $(TARGET)/browser-pictures
+
+browser: release $(TARGET)/browser/installed
+	$(heading) 'the page in a browser'
+	@'$(TARGET)/browser/bin/python' tests/browser/page.py '$(RIGD)' '$(PICTURES)'
+
+$(TARGET)/browser/installed: tests/browser/requirements.txt
+	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/browser'
+	@'$(TARGET)/browser/bin/pip' install --quiet --disable-pip-version-check -r tests/browser/requirements.txt
+	@touch '$@'
 
 deb:
 	$(heading) 'Debian package'

@@ -110,9 +110,9 @@ fn check(daemon: &Daemon, path: &str, target: &str, method: &str, operation: &Va
 #[test]
 fn what_the_document_does_not_name_is_closed_but_the_page() {
     let daemon = start_on_loopback();
-    for path in ["/", "/page.js", "/page.css", "/icon.svg"] {
-        assert_eq!(call(&daemon, "GET", path, None).status, 200, "{path}");
-        assert_refused(&call(&daemon, "POST", path, None), 401, None, path);
+    for path in daemon::parts_of_the_page() {
+        assert_eq!(call(&daemon, "GET", &path, None).status, 200, "{path}");
+        assert_refused(&call(&daemon, "POST", &path, None), 401, None, &path);
     }
     for path in ["/openapi.json", "/nowhere", "/livez/", "//livez", "/%6civez", "/v1/../livez"] {
         assert_refused(&call(&daemon, "GET", path, None), 401, None, path);

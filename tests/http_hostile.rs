@@ -106,6 +106,8 @@ fn paths(session: &str) -> Vec<Class> {
                 "/..%2fCargo.toml",
                 "/../page.js",
                 "/v1/sessions/ID/result/..%2fmanifest.json",
+                "/v1/sessions/ID/frames/..%2fmanifest.json",
+                "/v1/sessions/ID/frames/..%2f..%2f..%2f..%2fetc%2fpasswd",
                 "/v1/sessions/ID/result/..%2f..%2f..%2f..%2fetc%2fpasswd",
                 "/v1/sessions/ID/result//etc/passwd",
                 "/v1/sessions/ID/result/manifest.json%00.png",

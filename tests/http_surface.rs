@@ -58,7 +58,7 @@ fn every_refusal_is_a_problem() {
         assert_problem(&answer, *status, target.split('?').next().unwrap());
         assert_eq!(answer.header("allow").is_some(), *status == 405, "{target}: Allow");
     }
-    for rest in ["/events", "/frames", "/material", "/result/preview.png"] {
+    for rest in ["/plan", "/events", "/frames", "/frames/000-00.jpg", "/material", "/result/preview.png"] {
         assert_problem(&daemon.get(&format!("{nobody}{rest}")), 404, &format!("{nobody}{rest}"));
     }
     for verb in ["pause", "resume", "stop", "abort"] {
@@ -189,6 +189,22 @@ fn a_reconnecting_client_misses_no_event() {
     let frames = daemon.get(&format!("{location}/frames")).json();
     let shot: Vec<_> = frames["frames"].as_array().unwrap().iter().map(|f| (&f["station"], &f["exposure"])).collect();
     assert_eq!(json!(shot), json!([[0, 0], [0, 1], [0, 2], [1, 0], [1, 1], [1, 2]]), "{frames}");
+
+    let planned = daemon.get(&format!("{location}/plan")).json();
+    assert_eq!(planned, daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], SMALL).json());
+    for frame in frames["frames"].as_array().unwrap() {
+        let mut answer = Vec::new();
+        let path = format!("{location}/frames/{}", frame["file"].as_str().unwrap());
+        daemon.open(&path, &[]).read_to_end(&mut answer).unwrap();
+        let body = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap() + 4;
+        assert!(String::from_utf8_lossy(&answer[..body]).to_lowercase().contains("content-type: image/jpeg"));
+        assert_eq!(frame["blake3"], blake3::hash(&answer[body..]).to_hex().as_str(), "{path}");
+    }
+    assert_problem(
+        &daemon.get(&format!("{location}/frames/009-00.jpg")),
+        404,
+        &format!("{location}/frames/009-00.jpg"),
+    );
 }
 
 #[test]
@@ -230,7 +246,10 @@ fn the_lamp_and_its_hours_are_told() {
     let lamp = || daemon.get("/v1/rig").json()["lamp"].clone();
     assert_eq!(lamp(), json!({"lit": false, "hours": 0.0, "rated_hours": null}));
     assert!(daemon.get("/metrics").text.contains("\nrigd_lamp_hours 0.0\n"));
-    assert_eq!(daemon.call("POST", "/v1/sessions", &[JSON], SMALL).status, 202);
+    let running = || daemon.get("/v1/rig").json()["running"].clone();
+    assert_eq!(running(), Value::Null);
+    let started = daemon.call("POST", "/v1/sessions", &[JSON], SMALL);
+    assert_eq!(started.status, 202);
     let wait = |lit: bool| {
         let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
         while lamp()["lit"] != lit {
@@ -239,22 +258,29 @@ fn the_lamp_and_its_hours_are_told() {
         }
     };
     wait(true);
+    assert_eq!(running(), started.json()["id"]);
     wait(false);
     let hours = lamp()["hours"].as_f64().unwrap();
     assert!(hours > 0.0);
     let metrics = daemon.get("/metrics").text;
     let told = metrics.lines().find_map(|line| line.strip_prefix("rigd_lamp_hours ")).unwrap();
     assert_eq!(told.parse(), Ok(hours));
+    daemon.wait_for_end(started.header("location").unwrap());
+    assert_eq!(running(), Value::Null);
 }
 
 /// The page comes from the daemon alone: its parts are served, and nothing in them names another machine.
 #[test]
 fn the_page_needs_no_other_machine() {
     let daemon = Daemon::start();
-    for (path, kind) in
-        [("/", "text/html"), ("/page.js", "text/javascript"), ("/page.css", "text/css"), ("/icon.svg", "image/svg+xml")]
-    {
-        let answer = daemon.get(path);
+    for path in daemon::parts_of_the_page() {
+        let kind = match path.rsplit_once('.') {
+            Some((_, "js")) => "text/javascript",
+            Some((_, "css")) => "text/css",
+            Some((_, "svg")) => "image/svg+xml",
+            _ => "text/html",
+        };
+        let answer = daemon.get(&path);
         assert_eq!(answer.status, 200, "{path}");
         assert!(answer.header("content-type").unwrap().starts_with(kind), "{path}");
         assert!(answer.header("content-security-policy").unwrap().contains("default-src 'self'"));

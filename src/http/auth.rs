@@ -1,6 +1,7 @@
 //! Who may ask: bearer tokens (RFC 6750) that may read, or read and control. Without any token everyone on this machine may do both.
 
 use super::HttpState;
+use super::page;
 use super::problem::Problem;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, Method, header};
@@ -10,9 +11,6 @@ use std::fmt;
 
 /// Fewest and most characters of a token: 32 of them, drawn at random, nobody guesses.
 const LENGTH: std::ops::RangeInclusive<usize> = 32..=512;
-
-/// What needs no token: whether the daemon lives, and the page that asks for one.
-const OPEN: [&str; 5] = ["/livez", "/", "/page.js", "/page.css", "/icon.svg"];
 
 /// What a token allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -102,10 +100,10 @@ pub fn is_token(text: &str) -> bool {
     LENGTH.contains(&text.len()) && text.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._~+/=".contains(&b))
 }
 
-/// The scope a request needs; none for what is open. Whatever is not plainly looking is control.
+/// The scope a request needs; none for what is open: whether the daemon lives, and the page that asks for a token. Whatever is not plainly looking is control.
 pub(super) fn required(method: &Method, path: &str) -> Option<Scope> {
     match *method {
-        Method::GET | Method::HEAD if OPEN.contains(&path) => None,
+        Method::GET | Method::HEAD if path == "/livez" || page::has(path) => None,
         Method::GET | Method::HEAD => Some(Scope::Read),
         _ => Some(Scope::Control),
     }
@@ -193,7 +191,9 @@ mod tests {
         for method in [Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS, Method::TRACE] {
             assert_eq!(required(&method, "/livez"), Some(Scope::Control), "{method}");
         }
-        assert_eq!(required(&Method::GET, "/livez"), None);
+        for path in ["/livez", "/", "/page.js"] {
+            assert_eq!(required(&Method::GET, path), None, "{path}");
+        }
         for path in ["/livez/", "//", "/metrics", "/readyz", "/openapi.json", "/v1/rig", "/nowhere"] {
             assert_eq!(required(&Method::GET, path), Some(Scope::Read), "{path}");
         }

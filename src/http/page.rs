@@ -6,16 +6,37 @@ use axum::http::header;
 use axum::response::IntoResponse;
 use axum::routing::get;
 
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("../../web/index.html")),
-    ("/page.js", "text/javascript; charset=utf-8", include_str!("../../web/page.js")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../web/page.css")),
     ("/icon.svg", "image/svg+xml", include_str!("../../web/icon.svg")),
+    ("/api.js", SCRIPT, include_str!("../../web/api.js")),
+    ("/dashboard.js", SCRIPT, include_str!("../../web/dashboard.js")),
+    ("/dome.js", SCRIPT, include_str!("../../web/dome.js")),
+    ("/frames.js", SCRIPT, include_str!("../../web/frames.js")),
+    ("/health.js", SCRIPT, include_str!("../../web/health.js")),
+    ("/journal.js", SCRIPT, include_str!("../../web/journal.js")),
+    ("/material.js", SCRIPT, include_str!("../../web/material.js")),
+    ("/page.js", SCRIPT, include_str!("../../web/page.js")),
+    ("/plan.js", SCRIPT, include_str!("../../web/plan.js")),
+    ("/queue.js", SCRIPT, include_str!("../../web/queue.js")),
+    ("/results.js", SCRIPT, include_str!("../../web/results.js")),
+    ("/rig.js", SCRIPT, include_str!("../../web/rig.js")),
+    ("/run.js", SCRIPT, include_str!("../../web/run.js")),
+    ("/show.js", SCRIPT, include_str!("../../web/show.js")),
+    ("/verbs.js", SCRIPT, include_str!("../../web/verbs.js")),
 ];
 
 /// The page may load and ask nothing but this daemon, and no other page may frame its buttons.
 const POLICY: &str =
     "default-src 'self'; img-src 'self' blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+
+/// Whether this is the path of a part of the page.
+pub(super) fn has(path: &str) -> bool {
+    FILES.iter().any(|(known, _, _)| *known == path)
+}
 
 pub(super) fn routes() -> Router<HttpState> {
     FILES.iter().fold(Router::new(), |router, &(path, kind, text)| {

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs::File;
 use std::io::Read;
+use std::path::PathBuf;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use utoipa::ToSchema;
@@ -37,6 +38,32 @@ pub(super) async fn frames(
 ) -> Result<axum::Json<FrameList>, Problem> {
     let frames = ask(&state, move |engine| engine.frames(&id)).await?;
     Ok(axum::Json(FrameList { frames }))
+}
+
+#[derive(Deserialize)]
+pub(super) struct FramePath {
+    file: String,
+}
+
+/// A frame
+///
+/// The file as the camera made it, also of a frame that was shot again since.
+#[utoipa::path(get, path = "/v1/sessions/{id}/frames/{file}", tag = "results",
+    params(("id" = String, Path, description = "Session id."), ("file" = String, Path, description = "`file` of a frame in the list.")),
+    responses(
+        (status = 200, description = "The frame.", content((Binary = "image/jpeg"))),
+        (status = 400, description = "The path is no UTF-8."),
+        (status = 404, description = "No such session, or no frame of that name."),
+    ))]
+pub(super) async fn frame(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+    Path(FramePath { file }): Path<FramePath>,
+) -> Result<Response, Problem> {
+    match ask(&state, move |engine| engine.frame_file(&id, &file)).await? {
+        Some(path) => send(path, "image/jpeg").await,
+        None => Err(Problem::not_found("no frame of that name: GET .../frames lists those there are")),
+    }
 }
 
 /// The fitted material
@@ -125,9 +152,13 @@ pub(super) async fn file(
     let Some(path) = ask(&state, move |engine| engine.result_file(&asked, name)).await? else {
         return Err(nothing_yet(&state, id, name).await);
     };
+    send(path, kind).await
+}
+
+async fn send(path: PathBuf, kind: &'static str) -> Result<Response, Problem> {
     let opened = tokio::task::spawn_blocking(move || File::open(path).and_then(|f| Ok((f.metadata()?.len(), f)))).await;
     let Ok(Ok((length, file))) = opened else { return Err(Problem::internal()) };
-    let headers = [(header::CONTENT_TYPE, (*kind).to_owned()), (header::CONTENT_LENGTH, length.to_string())];
+    let headers = [(header::CONTENT_TYPE, kind.to_owned()), (header::CONTENT_LENGTH, length.to_string())];
     Ok((headers, stream(file, length)).into_response())
 }
 

@@ -4,8 +4,47 @@ use super::problem::Problem;
 use super::{HttpState, ask};
 use crate::session::handle::LampStatus;
 use axum::extract::State;
+use rig_config::{Arm, ArmDriver, Camera, CameraDriver};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+/// The arm as the rig file has it.
+#[derive(Serialize, Deserialize, ToSchema)]
+pub(super) struct ArmSetup {
+    /// `rigproto`, `grbl` or `simulated`.
+    driver: String,
+    /// Permitted angles, degrees: lower, upper.
+    travel_deg: [f64; 2],
+}
+
+/// The camera as the rig file has it.
+#[derive(Serialize, Deserialize, ToSchema)]
+pub(super) struct CameraSetup {
+    /// `gphoto2`, `replay` or `simulated`.
+    driver: String,
+    /// Frame width, pixels.
+    width: usize,
+    /// Frame height, pixels.
+    height: usize,
+}
+
+fn arm(arm: &Arm) -> ArmSetup {
+    let driver = match arm.driver {
+        ArmDriver::Rigproto { .. } => "rigproto",
+        ArmDriver::Grbl { .. } => "grbl",
+        ArmDriver::Simulated => "simulated",
+    };
+    ArmSetup { driver: driver.into(), travel_deg: arm.travel_deg }
+}
+
+fn camera(camera: &Camera) -> CameraSetup {
+    let driver = match camera.driver {
+        CameraDriver::Gphoto2 { .. } => "gphoto2",
+        CameraDriver::Replay { .. } => "replay",
+        CameraDriver::Simulated => "simulated",
+    };
+    CameraSetup { driver: driver.into(), width: camera.width, height: camera.height }
+}
 
 /// The rig and its readiness.
 #[derive(Serialize, Deserialize, ToSchema)]
@@ -20,6 +59,12 @@ pub(super) struct RigStatus {
     ready: bool,
     /// Why none could; empty when ready.
     reasons: Vec<String>,
+    /// Id of the session or calibration that has the rig; null when it is free.
+    running: Option<String>,
+    /// The arm.
+    arm: ArmSetup,
+    /// The camera.
+    camera: CameraSetup,
     /// The lamp and its hours.
     lamp: LampStatus,
 }
@@ -27,7 +72,8 @@ pub(super) struct RigStatus {
 /// The rig
 #[utoipa::path(get, path = "/v1/rig", tag = "rig", responses((status = 200, body = RigStatus, description = "The rig.")))]
 pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<RigStatus>, Problem> {
-    let (ready, lamp) = ask(&state, |engine| Ok((engine.readiness(), engine.lamp()))).await?;
+    let (ready, running, lamp) =
+        ask(&state, |engine| Ok((engine.readiness(), engine.running(), engine.lamp()))).await?;
     let reasons = ready.err().unwrap_or_default();
     Ok(axum::Json(RigStatus {
         name: state.rig.name.clone(),
@@ -35,6 +81,9 @@ pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<Rig
         version: env!("CARGO_PKG_VERSION").into(),
         ready: reasons.is_empty(),
         reasons,
+        running,
+        arm: arm(&state.rig.arm),
+        camera: camera(&state.rig.camera),
         lamp,
     }))
 }

@@ -131,6 +131,22 @@ pub(super) async fn show(
     ask(&state, move |engine| engine.session(&id)).await.map(axum::Json)
 }
 
+/// The plan of a session
+///
+/// As its dry run answered when it was started: angles of the stations in shooting order, exposures, estimates.
+#[utoipa::path(get, path = "/v1/sessions/{id}/plan", tag = "sessions", params(("id" = String, Path, description = "Session id.")),
+    responses(
+        (status = 200, body = CapturePlan, description = "The plan."),
+        (status = 400, description = "The path is no UTF-8."),
+        (status = 404, description = "No such session."),
+    ))]
+pub(super) async fn plan(
+    State(state): State<HttpState>,
+    SessionId(id): SessionId,
+) -> Result<axum::Json<CapturePlan>, Problem> {
+    ask(&state, move |engine| engine.session_plan(&id)).await.map(axum::Json)
+}
+
 /// Declares one verb's route: they differ in nothing else.
 macro_rules! verb {
     ($name:ident, $path:literal, $verb:expr, $summary:literal, $description:literal) => {

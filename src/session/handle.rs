@@ -1,6 +1,7 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
 mod calibration;
+mod kept;
 mod lamp;
 mod notice;
 mod queue;
@@ -16,7 +17,6 @@ pub use super::calibration::step::Step;
 pub use super::lamp::drift::LampDrift;
 use super::plan::{CapturePlan, PlanError, StartRequest, UsedCalibration};
 use super::preflight;
-use super::processing::read_json;
 pub use super::queue::QueueRequest;
 pub use super::refit::{FitRequest, GAINS, check_rig, lobes, models, objectives, solvers};
 use super::state::{SessionState, Verb};
@@ -29,8 +29,7 @@ pub use lamp::LampStatus;
 pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use serde_json::Value;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
@@ -289,9 +288,21 @@ impl EngineHandle {
         inner.runs.values().rev().filter(|entry| entry.work.capture().is_some()).map(Entry::snapshot).collect()
     }
 
+    /// Id of the session or calibration that has the rig.
+    pub fn running(&self) -> Option<String> {
+        self.book.lock().active().map(|run| run.manifest.id.clone())
+    }
+
     /// One session.
     pub fn session(&self, id: &str) -> Result<SessionSnapshot, EngineError> {
         Ok(self.book.lock().session(id)?.snapshot())
+    }
+
+    /// The plan of one session.
+    pub fn session_plan(&self, id: &str) -> Result<CapturePlan, EngineError> {
+        let inner = self.book.lock();
+        let plan = inner.session(id)?.work.capture().cloned();
+        plan.ok_or_else(|| EngineError::UnknownSession { id: id.to_owned() })
     }
 
     /// Changes with every journal record of any run and with its removal; the value counts them. Watch it, then read the journal.
@@ -314,27 +325,6 @@ impl EngineHandle {
         let mut records = journal::read(&directory.join(journal::FILE))?.records;
         records.retain(|record| record["seq"].as_u64().is_some_and(|seq| seq > after && seq <= last_seq));
         Ok(records)
-    }
-
-    /// The frames of a session or calibration: station, exposure, file, blake3, bytes, shutter, state.
-    pub fn frames(&self, id: &str) -> Result<Vec<Value>, EngineError> {
-        Ok(self.book.lock().entry(id)?.ledger.frame_list())
-    }
-
-    /// The fitted material: `material.json` and `report.json` of the session under the keys `material` and `report`, if it has one.
-    pub fn material(&self, id: &str) -> Result<Option<Value>, EngineError> {
-        let files = (self.result_file(id, "material.json")?, self.result_file(id, "report.json")?);
-        let (Some(material), Some(report)) = files else { return Ok(None) };
-        let read = |path: &Path| read_json(path).map_err(EngineError::Storage);
-        Ok(Some(json!({"material": read(&material)?, "report": read(&report)?})))
-    }
-
-    /// Path of a result file (`preview.png`, `weights.exr`, `valid.png`, ...) of the session, if there.
-    pub fn result_file(&self, id: &str, name: &str) -> Result<Option<PathBuf>, EngineError> {
-        let directory = self.book.lock().entry(id)?.directory.join("result");
-        let plain = !name.starts_with('.') && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"._-".contains(&b));
-        let path = directory.join(name);
-        Ok((plain && path.is_file()).then_some(path))
     }
 
     /// Queues a refit of a finished session on the fitting worker.

@@ -157,6 +157,15 @@ pub fn program() -> PathBuf {
     option_env!("CARGO_BIN_EXE_rigd").map_or_else(beside, PathBuf::from)
 }
 
+/// Paths of everything in web/: the page.
+pub fn parts_of_the_page() -> Vec<String> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("web");
+    let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let paths: Vec<_> = names.map(|name| if name == "index.html" { "/".into() } else { format!("/{name}") }).collect();
+    assert!(paths.len() > 3 && paths.iter().any(|path| path == "/"), "{paths:?}");
+    paths
+}
+
 /// Text of the shipped simulated rig.
 pub fn shipped() -> &'static str {
     rig_config::SHIPPED.iter().find(|(name, _)| *name == "simulated").unwrap().1

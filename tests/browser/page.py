@@ -1,0 +1,335 @@
+#!/usr/bin/env python3
+"""Drives the page in Chromium against daemons of its own: plans and starts a session, watches it end, stops one, sees faults and what
+became of them, a daemon that dies, tokens; looks at every view with axe, with the tab key, and takes its picture.
+
+usage: page.py RIGD PICTURES      exit status 0 when every check holds
+"""
+import io, os, re, shutil, sys, tempfile, time
+from pathlib import Path
+
+from axe_playwright_python.sync_playwright import Axe
+from PIL import Image
+from playwright.sync_api import expect, sync_playwright
+
+from rigs import Arm, Daemon, replayed, shipped, slower
+
+RIGD, PICTURES = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
+VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "results": "results", "health": "health"}
+PHONE, DESKTOP = {"width": 390, "height": 844}, {"width": 1280, "height": 800}
+LOOKS = {"phone": (PHONE, "dark"), "desktop": (DESKTOP, "light")}
+KILOBYTES, PAINT_MS, PICTURE_BYTES = 100, 1000, 150_000
+LONG = 120_000      # ms, for what the rig takes its time for
+expect.set_options(timeout=20_000)      # the page looks every 5 s
+
+REACHABLE = """() => [...document.querySelectorAll('a[href], button, input, select, textarea, [tabindex]')]
+    .filter(e => !e.disabled && e.tabIndex >= 0 && e.checkVisibility() && !e.closest('dialog:not([open])')).length"""
+AT = "() => { const e = document.activeElement; e.dataset.reached = 1; return document.querySelectorAll('[data-reached]').length }"
+
+
+def check(name, holds, detail=""):
+    print(("ok    " if holds else "FAIL  ") + name + (f"   [{detail}]" if detail and not holds else ""), flush=True)
+    if not holds:
+        check.failed += 1
+
+
+check.failed = 0
+
+
+def until(page, holds):
+    """Waits until a script says so; Playwright's own way is eval in the page, which its Content-Security-Policy forbids."""
+    end = time.monotonic() + LONG / 1000
+    while not page.evaluate(holds):
+        assert time.monotonic() < end, f"waited in vain for {holds}"
+        time.sleep(0.1)
+
+
+class Browser:
+    """A page in a window of its own; whatever its console complains of is kept."""
+
+    def __init__(self, chromium, url, look):
+        size, scheme = LOOKS[look]
+        self.context = chromium.new_context(viewport=size, color_scheme=scheme, locale="en-GB", reduced_motion="reduce")
+        self.page, self.url, self.look, self.complaints = self.context.new_page(), url, look, []
+        self.page.set_default_timeout(20_000)
+        # A browser writes every answer of 400 and above and every lost connection on its console; those are told by the page as well.
+        noise = re.compile("Failed to load resource|net::ERR_")
+        self.page.on("console", lambda m: m.type in ("error", "warning") and not noise.search(m.text) and self.complaints.append(m.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda r: r.url.startswith((url, "blob:" + url)) or self.complaints.append("asked " + r.url))
+
+    def open(self, view):
+        self.page.goto(f"{self.url}/#/{view}")
+        expect(self.page.locator("#view h2").first).to_be_visible()
+        return self.page
+
+    def picture(self, name):
+        path = PICTURES / f"page-{name}-{self.look}.png"
+        self.page.evaluate("scrollTo(0, 0)")
+        shot = Image.open(io.BytesIO(self.page.screenshot(animations="disabled")))
+        shot.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+        check(f"picture {path.name} is small", path.stat().st_size < PICTURE_BYTES, path.stat().st_size)
+
+    def quiet(self, what):
+        check(f"{what}: no complaint on the console", not self.complaints, self.complaints)
+        self.context.close()
+
+
+def judged(browser, name):
+    """axe, the tab key and the width of one view as it stands."""
+    page = browser.page
+    found = [v for v in Axe().run(page).response["violations"] if v["impact"] in ("serious", "critical")]
+    check(f"{name}, {browser.look}: axe finds nothing serious", not found, [(v["id"], v["nodes"][0]["html"][:120]) for v in found])
+    check(f"{name}, {browser.look}: nothing is wider than the window", page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
+    wanted, reached = page.evaluate(REACHABLE), 0
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(wanted + 5):
+        page.keyboard.press("Tab")
+        reached = page.evaluate(AT)
+        if reached > wanted:
+            break
+    check(f"{name}, {browser.look}: the tab key reaches all", reached >= wanted, f"{reached} of {wanted}")
+
+
+def is_light(chromium, url):
+    browser = Browser(chromium, url, "phone")
+    page = browser.open("")
+    kilobytes = page.evaluate("[...performance.getEntriesByType('navigation'), ...performance.getEntriesByType('resource').filter(e => !/v1/.test(e.name))].reduce((sum, e) => sum + e.decodedBodySize, 0)") / 1000
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+    check(f"the page weighs {kilobytes:.0f} kB, under {KILOBYTES}", 20 < kilobytes < KILOBYTES)
+    check(f"first paint after {paint:.0f} ms, under {PAINT_MS}", paint < PAINT_MS)
+    browser.quiet("an idle rig")
+
+
+def is_planned_and_shot(chromium, daemon):
+    """The wizard, a running session, its frames and its result; every view looked at on the way."""
+    main, phone = (Browser(chromium, daemon.url, look) for look in ("desktop", "phone"))
+    page = main.open("new")
+    start = page.get_by_role("button", name="Start")
+    expect(page.get_by_text("70 frames: 7 stations, 10 exposures each")).to_be_visible()
+    expect(start).to_be_enabled()
+    stations = page.get_by_label("Light stations, degrees")
+    stations.fill("-55, 400, left")
+    expect(page.locator(".dry .warnings")).to_be_visible()
+    check("a plan that is none cannot be started", start.is_disabled())
+    stations.fill("-55, -20, 15, 50")
+    expect(page.get_by_text("40 frames: 4 stations, 10 exposures each")).to_be_visible()
+    stations.fill("-55 -20 15 50 85 115 140")
+    expect(page.get_by_text("70 frames")).to_be_visible()
+    page.get_by_label("Name of the sample").fill("marble ball")
+    for browser in (main, phone):
+        if browser is phone:
+            browser.open("new")
+            expect(phone.page.get_by_text("70 frames")).to_be_visible()
+        browser.picture("new")
+    expect(start).to_be_enabled()
+    start.click()
+    expect(page.get_by_role("heading", name="marble ball")).to_be_visible()
+    expect(page.locator(".light-dome .active")).to_be_visible(timeout=LONG)
+    expect(page.locator(".light-dome .done").nth(2)).to_be_visible(timeout=LONG)
+    phone.open("")
+    expect(phone.page.locator(".light-dome .active")).to_be_visible()
+    for browser in (main, phone):
+        browser.picture("dashboard")
+    page.goto(f"{daemon.url}/#/frames")
+    phone.open("frames")
+    expect(page.locator(".grid .done").nth(25)).to_be_visible(timeout=LONG)
+    page.locator(".grid .done").first.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Station 1, exposure 1")).to_be_visible()
+    until(page, "document.querySelector('.chosen img')?.naturalWidth === 288")
+    for browser in (main, phone):
+        browser.picture("frames")
+    page.goto(f"{daemon.url}/#/")
+    expect(page.locator("#view .badge")).to_have_text("completed", timeout=LONG)
+    page.goto(f"{daemon.url}/#/frames")
+    expect(page.locator(".grid .done")).to_have_count(70)
+    check("every frame is on disk", len(daemon.session()["id"]) == 36 and daemon.session()["frames_committed"] == 70)
+    for browser in (main, phone):
+        browser.open(f"results/{daemon.session()['id']}")
+        expect(browser.page.get_by_text("Material 2:")).to_be_visible()
+        until(browser.page, "document.querySelector('figure img')?.naturalWidth > 0")
+        browser.picture("results")
+    main.quiet("a session from plan to result, desktop")
+    phone.quiet("the same on a phone")
+
+
+def is_stopped(chromium, daemon):
+    """Stop by the keyboard alone, abort with its one question."""
+    browser = Browser(chromium, daemon.url, "desktop")
+    page = browser.open("")
+    daemon.start_session("to be stopped")
+    expect(page.get_by_role("heading", name="to be stopped")).to_be_visible()
+    expect(page.locator("#view .badge")).to_have_text("shooting", timeout=LONG)
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    check("Stop is the second thing the tab key reaches", page.evaluate("document.activeElement.id") == "stop")
+    page.keyboard.press("Enter")
+    expect(page.locator("#view .badge")).to_have_text(re.compile("stopped|failed"), timeout=LONG)
+    daemon.start_session("to be aborted")
+    expect(page.locator("#view .badge")).to_have_text("shooting", timeout=LONG)
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator("#view .badge")).to_have_text("paused, lamp on", timeout=LONG)
+    page.get_by_role("button", name="Resume").click()
+    expect(page.locator("#view .badge")).to_have_text("shooting", timeout=LONG)
+    page.get_by_role("button", name="Abort").click()
+    page.keyboard.press("Escape")
+    check("Escape leaves the session alone", daemon.session()["state"] == "running", daemon.session()["state"])
+    page.get_by_role("button", name="Abort").click()
+    page.locator("#yes").click()
+    expect(page.locator("#view .badge")).to_have_text("aborted", timeout=LONG)
+    browser.quiet("stop and abort")
+
+
+def is_queued(chromium, daemon):
+    main, phone = (Browser(chromium, daemon.url, look) for look in ("desktop", "phone"))
+    for name in ("oak, second coat", "slate tile"):
+        page = main.open("new/queue")
+        expect(page.get_by_text("70 frames")).to_be_visible()
+        page.get_by_label("Name of the sample").fill(name)
+        page.get_by_label("Runs").fill("3")
+        page.get_by_label("Minutes from start to start").fill("60")
+        page.get_by_label("Not before").fill("2099-01-31T22:00")
+        button = page.get_by_role("button", name="Put into the queue")
+        expect(button).to_be_enabled()
+        button.click()
+        expect(page.get_by_role("heading", name=name)).to_be_visible()
+        main.open("health")
+    page, _ = main.open("queue"), phone.open("queue")
+    for browser in (main, phone):
+        expect(browser.page.get_by_role("heading", name="slate tile")).to_be_visible()
+        browser.picture("queue")
+    page.get_by_role("button", name="Make it the next: slate tile").click()
+    expect(page.locator(".cards h3").first).to_have_text("slate tile")
+    page.get_by_role("button", name="Hold the queue").click()
+    expect(page.get_by_text("held by a user")).to_be_visible()
+    page.get_by_role("button", name="Let it go on").click()
+    expect(page.get_by_text("held by a user")).to_be_hidden()
+    for name in ("slate tile", "oak, second coat"):
+        page.get_by_role("button", name=f"Take it out: {name}").click()
+        page.locator("#yes").click()
+        expect(page.get_by_role("heading", name=name)).to_have_count(0)
+    main.quiet("the queue, desktop")
+    phone.quiet("the queue, phone")
+
+
+def every_view_serves_everyone(chromium, daemon):
+    for look in LOOKS:
+        for name, view in VIEWS.items():
+            browser = Browser(chromium, daemon.url, look)
+            browser.open(view)
+            browser.page.wait_for_timeout(800)
+            if name == "health":
+                expect(browser.page.get_by_text("Ready: a session could start now.")).to_be_visible()
+                browser.picture("health")
+            judged(browser, name)
+            browser.quiet(f"{name}, {look}")
+
+
+def stop_outlasts_the_daemon(chromium, daemon):
+    """The daemon dies; Stop is pressed; the next daemon takes the session up and hears it."""
+    browser = Browser(chromium, daemon.url, "phone")
+    page = browser.open("")
+    daemon.start_session("left alone")
+    expect(page.locator("#view .badge")).to_have_text("shooting", timeout=LONG)
+    daemon.kill()
+    expect(page.locator("#connection")).to_have_text("disconnected", timeout=LONG)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    expect(page.locator("#message")).to_contain_text("NOT reached")
+    daemon.start()
+    expect(page.locator("#view .badge")).to_have_text(re.compile("stopped|failed"), timeout=LONG)
+    browser.quiet("a daemon that died")
+
+
+def faults_are_told(chromium, folder, frames):
+    """An arm that goes away and comes back; a frame that is the last one again, until the folder is put right."""
+    arm = Arm(RIGD, folder)
+    shelf = folder / "replayed"
+    shutil.copytree(frames, shelf)
+    with Daemon(RIGD, folder / "faulty", replayed(arm.link, shelf)) as daemon:
+        main, phone = (Browser(chromium, daemon.url, look) for look in ("desktop", "phone"))
+        page = main.open("")
+        daemon.start_session("arm unplugged")
+        # Between two brackets: a bracket shot again from a folder would be the same pictures again, which no camera makes.
+        while daemon.session()["frames_committed"] % 20 or not daemon.session()["frames_committed"]:
+            time.sleep(0.05)
+        arm.unplug()
+        expect(page.locator(".notes .fault").first).to_contain_text("arm: ", timeout=LONG)
+        arm.plug()
+        expect(page.locator(".notes .good").first).to_contain_text("arm: back", timeout=LONG)
+        expect(page.locator("#view .badge")).to_have_text("completed", timeout=LONG)
+
+        shutil.copy(frames / "003-03.jpg", shelf / "003-04.jpg")
+        daemon.start_session("camera repeats itself")
+        expect(page.get_by_role("heading", name="camera repeats itself")).to_be_visible(timeout=LONG)
+        expect(page.locator("#view .badge")).to_have_text("interrupted", timeout=LONG)
+        expect(page.locator(".notes .refused")).to_have_count(3)
+        phone.open("")
+        expect(phone.page.locator(".notes .refused")).to_have_count(3)
+        for browser in (main, phone):
+            browser.picture("fault")
+        main.open("frames")
+        expect(page.locator(".grid .refused")).to_have_count(1)
+        shutil.copy(frames / "003-04.jpg", shelf / "003-04.jpg")
+        main.open("")
+        page.get_by_role("button", name="Resume").click()
+        expect(page.locator("#view .badge")).to_have_text("completed", timeout=LONG)
+        main.open("frames")
+        expect(page.locator(".grid .again").first).to_be_visible()
+        check("the frame that was refused was shot again", "exposure 4" in page.locator(".grid .again").last.get_attribute("title"))
+        main.quiet("faults, desktop")
+        phone.quiet("faults, phone")
+    arm.unplug()
+
+
+def tokens_are_asked_for(chromium, folder):
+    read, control = "read-" + "0123456789abcdef" * 2, "ctrl-" + "0123456789abcdef" * 2
+    file = folder / "tokens"
+    file.write_text(f"read {read}\ncontrol {control}\n")
+    file.chmod(0o600)
+    with Daemon(RIGD, folder / "locked", shipped().replace('# tokens = "/etc/rigd/tokens"', f'tokens = "{file}"')) as daemon:
+        browser = Browser(chromium, daemon.url, "desktop")
+        browser.page.goto(daemon.url)
+        browser.page.get_by_label("This daemon wants a token").fill(read)
+        browser.page.keyboard.press("Enter")
+        expect(browser.page.get_by_role("heading", name="No session yet")).to_be_visible()
+        browser.open("new")
+        expect(browser.page.get_by_text("this token may only read")).to_be_visible()
+        browser.open("health")
+        browser.page.get_by_role("button", name="Forget it").click()
+        browser.page.get_by_label("This daemon wants a token").fill(control)
+        browser.page.keyboard.press("Enter")
+        expect(browser.page.get_by_role("button", name="Forget it")).to_be_visible()
+        browser.open("new")
+        expect(browser.page.get_by_text("70 frames")).to_be_visible()
+        browser.quiet("tokens")
+
+
+def main():
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if not program:
+        print("SKIPPED: no Chromium is installed (apt install chromium)")
+        return 0
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        folder = Path(folder)
+        chromium = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"] if os.geteuid() == 0 else [])
+        with Daemon(RIGD, folder / "sound", slower(8)) as daemon:
+            is_light(chromium, daemon.url)
+            is_planned_and_shot(chromium, daemon)
+            frames = folder / "sound" / "data" / "sessions" / daemon.session()["id"] / "frames"
+            every_view_serves_everyone(chromium, daemon)
+            is_queued(chromium, daemon)
+            is_stopped(chromium, daemon)
+            stop_outlasts_the_daemon(chromium, daemon)
+        faults_are_told(chromium, folder, frames)
+        tokens_are_asked_for(chromium, folder)
+        chromium.close()
+    print(f"{check.failed} checks failed" if check.failed else "all checks hold", flush=True)
+    return 1 if check.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

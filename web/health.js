@@ -1,0 +1,52 @@
+// Whether the rig could work now, and what it is made of.
+import { ask, attempt, token, useToken } from "/api.js";
+import { rig } from "/rig.js";
+import { badge, facts, fill, h, list, when } from "/show.js";
+
+/// OpenMetrics text as rows: name with labels, value, meaning.
+function metrics(text) {
+  const help = Object.fromEntries([...text.matchAll(/^# HELP (\S+) (.*)$/gm)].map(([, name, words]) => [name, words]));
+  return text.split("\n").filter((one) => one && !one.startsWith("#")).map((one) => {
+    const [, name, value] = /^(\S+(?:\{.*\})?) (\S+)$/.exec(one) ?? [null, one, ""];
+    const family = Object.keys(help).find((known) => name.startsWith(known));
+    return [name, value, help[family] ?? ""];
+  });
+}
+
+function table(rows) {
+  return h("table", {}, h("thead", {}, h("tr", {}, ["metric", "value", "meaning"].map((title) => h("th", { scope: "col" }, title)))),
+    h("tbody", {}, rows.map(([name, value, words]) => h("tr", {}, h("th", { scope: "row" }, h("code", {}, name)), h("td", {}, String(+(+value).toPrecision(6))), h("td", {}, words)))));
+}
+
+function devices({ name, version, arm, camera, lamp }) {
+  return facts([
+    ["Rig", name],
+    ["Daemon", `rigd ${version}`],
+    ["Arm", arm && `${arm.driver}, travels from ${arm.travel_deg[0]}° to ${arm.travel_deg[1]}°`],
+    ["Camera", camera && `${camera.driver}, frames of ${camera.width} x ${camera.height} pixels`],
+    ["Lamp", `${lamp.lit ? "lit" : "off"}, ${lamp.hours.toFixed(1)}${lamp.rated_hours == null ? "" : ` of ${lamp.rated_hours}`} hours`],
+  ]);
+}
+
+function access() {
+  if (!token()) return h("p", {}, "No token is in use.");
+  return h("p", { className: "verbs" }, "A token is in use; it is kept until this tab is closed. ",
+    h("button", { type: "button", onclick: () => useToken(null) }, "Forget it"));
+}
+
+export function health(view) {
+  const parts = ["ready", "devices", "calibrations", "metrics"].map((name) => [name, h("div", {})]);
+  const { ready, devices: made, calibrations, metrics: counted } = Object.fromEntries(parts);
+  view.append(h("h2", {}, "Health"), ready, h("h3", {}, "Devices"), made, calibrations, h("h3", {}, "Token"), access(), h("h3", {}, "Metrics"), h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Metrics" }, counted));
+
+  const update = () => {
+    const { status } = rig;
+    if (!status) return;
+    fill(ready, status.ready ? h("p", { className: "banner good" }, "Ready: a session could start now.") : list("Not ready", status.reasons, "warnings"));
+    fill(made, devices(status));
+    fill(calibrations, list("Calibrations", rig.calibrations.slice(0, 5).map((one) => h("span", {}, `${one.version} (${one.kind}) of ${when(one.started)} `, badge(one.state)))));
+  };
+  const look = () => attempt(async () => fill(counted, table(metrics(await ask("/metrics")))));
+  look();
+  return { update, look };
+}
