@@ -5,6 +5,7 @@ mod found;
 mod taken_up;
 mod told;
 mod wait;
+mod waiting;
 
 pub use wait::Next;
 
@@ -294,22 +295,6 @@ impl Inner {
         self.runs.insert(id.clone(), entry);
         self.pending = Some(id.clone());
         self.entry(&id)
-    }
-
-    /// A refit of this session is over.
-    pub fn refitted(&mut self, id: &str) {
-        if let Some(at) = self.refits.iter().position(|refit| refit == id) {
-            self.refits.remove(at);
-        }
-    }
-
-    /// Changes the queue; a change that cannot be written is not made.
-    pub fn change_queue(&mut self, change: impl FnOnce(&mut Queue)) -> Result<(), StoreError> {
-        let mut queue = self.queue.clone();
-        change(&mut queue);
-        queue.write(&self.store)?;
-        self.queue = queue;
-        Ok(())
     }
 
     /// Refuses when a run holds the rig, or the daemon ends.
