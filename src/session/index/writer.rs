@@ -1,7 +1,8 @@
 //! Brings the index up to the book: what was removed goes, what was journalled since comes in, one transaction a run.
 
 use super::account::Account;
-use crate::session::book::{Book, Inner};
+use crate::session::book::{Book, Entry, Inner};
+use crate::session::state::SessionState;
 use crate::store::index::{Index, IndexError, Rows};
 use crate::store::journal::Head;
 use std::collections::BTreeMap;
@@ -16,6 +17,8 @@ pub(super) struct Writer {
     index: Option<Index>,
     /// How far each run is in the index.
     known: BTreeMap<String, Head>,
+    /// In which state each run was when it was last brought in.
+    states: BTreeMap<String, SessionState>,
     /// The last ones that changed, the last first.
     kept: Vec<Followed>,
     faulty: bool,
@@ -29,7 +32,7 @@ struct Followed {
 
 impl Writer {
     pub(super) fn new(data: PathBuf) -> Self {
-        Self { data, index: None, known: BTreeMap::new(), kept: Vec::new(), faulty: false }
+        Self { data, index: None, known: BTreeMap::new(), states: BTreeMap::new(), kept: Vec::new(), faulty: false }
     }
 
     /// True after the index could not be written, until it could.
@@ -97,14 +100,17 @@ impl Writer {
         Ok(())
     }
 
-    /// Runs of the index that are no more, and runs of the book that the index is behind with.
+    /// Runs of the index that are no more, and runs of the book that the index is behind with. One that goes on is brought in when its
+    /// state changes: its rows would be memory that grows with every frame of a night.
     fn behind(&self, inner: &Inner) -> (Vec<String>, Vec<(String, Head)>) {
         let removed = self.known.keys().filter(|id| !inner.runs.contains_key(*id)).cloned().collect();
-        let changed = inner.runs.iter().filter(|(id, entry)| self.known.get(*id) != Some(&entry.head));
+        let wanted = |id: &str, run: &Entry| run.state().is_final() || self.states.get(id) != Some(&run.state());
+        let changed = inner.runs.iter().filter(|(id, run)| self.known.get(*id) != Some(&run.head) && wanted(id, run));
         (removed, changed.map(|(id, entry)| (id.clone(), entry.head.clone())).collect())
     }
 
     fn account_for(&mut self, index: &mut Index, book: &Book, id: String, head: Head) -> Result<(), IndexError> {
+        let state = book.look(&id, |run| run.state());
         let kept = self.kept.iter().position(|run| run.written.id == id).map(|at| self.kept.remove(at));
         let (mut account, written) = match kept {
             Some(run) => (run.account, Some(run.written)),
@@ -123,6 +129,9 @@ impl Writer {
                 self.kept.truncate(KEPT);
             }
             Err(error) => tracing::warn!(session = id, %error, "a journal that cannot be read is not in the index"),
+        }
+        if let Some(state) = state {
+            self.states.insert(id.clone(), state);
         }
         self.known.insert(id, head);
         Ok(())
