@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, history, index, logging, merge, notify, queue, relight,
+    bench, calibrate, config, demo, doctor, error, fit, history, index, logging, merge, notify, queue, relight, render,
     retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
@@ -24,6 +24,7 @@ enum Command {
     Queue(queue::QueueArgs),
     Fit(fit::Args),
     Relight(relight::Args),
+    Render(render::Args),
     Merge(merge::Args),
     Verify(verify::Args),
     Retention(retention::Args),
@@ -64,6 +65,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(args),
         Command::Verify(args) => verify::run(&args),
         Command::Retention(args) => retention::run(&args),

@@ -2,7 +2,7 @@
 
 use super::error::{bad_input, print_line};
 use crate::study::bench::photographs::FULL_SIZE;
-use crate::study::bench::{self, Entry, Plan, Section, merging};
+use crate::study::bench::{self, Entry, Plan, Section, merging, rendering};
 use std::path::{Path, PathBuf};
 
 /// Measure what fits cost on this machine, in processor time, and print the table.
@@ -33,6 +33,8 @@ pub struct Args {
 pub enum Part {
     /// What developing a bracket of ten 12.7-megapixel JPEG frames costs: decoding, merging, writing, memory.
     Merge(MergeArgs),
+    /// What rendering a mesh of 70 000 triangles on a megapixel costs.
+    Render(RenderArgs),
 }
 
 /// Arguments of `rigd bench merge`.
@@ -46,6 +48,19 @@ pub struct MergeArgs {
     pub repeats: u16,
 }
 
+/// Arguments of `rigd bench render`.
+#[derive(clap::Args)]
+pub struct RenderArgs {
+    /// How often each thing is measured.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub repeats: u16,
+}
+
+fn run_render(args: &RenderArgs) -> anyhow::Result<()> {
+    print_line(rendering::heading(rendering::SIZE))?;
+    Ok(rendering::run(rendering::SIZE, usize::from(args.repeats), &mut |cost| print_line(cost.line()))?)
+}
+
 fn run_merge(args: &MergeArgs) -> anyhow::Result<()> {
     make(&args.out)?;
     print_line(merging::heading(FULL_SIZE))?;
@@ -55,8 +70,10 @@ fn run_merge(args: &MergeArgs) -> anyhow::Result<()> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    if let Some(Part::Merge(args)) = &args.part {
-        return run_merge(args);
+    match &args.part {
+        Some(Part::Merge(args)) => return run_merge(args),
+        Some(Part::Render(args)) => return run_render(args),
+        None => {}
     }
     // Found out before the work, not after it.
     args.out.as_deref().map(make).transpose()?;

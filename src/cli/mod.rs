@@ -15,6 +15,7 @@ pub mod notify;
 mod on_rig;
 pub mod queue;
 pub mod relight;
+pub mod render;
 pub mod retention;
 pub mod safe;
 pub mod serve;

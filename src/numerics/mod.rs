@@ -6,5 +6,6 @@ pub mod geometry;
 pub mod image;
 pub mod quality;
 pub mod radiometry;
+pub mod render;
 pub mod settle;
 pub mod simd;

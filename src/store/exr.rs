@@ -50,7 +50,7 @@ pub struct Planes {
 }
 
 impl Planes {
-    fn take(&mut self, name: &str) -> Option<Vec<f32>> {
+    pub(super) fn take(&mut self, name: &str) -> Option<Vec<f32>> {
         let index = self.channels.iter().position(|(known, _)| known == name)?;
         Some(self.channels.swap_remove(index).1)
     }

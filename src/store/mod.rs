@@ -33,6 +33,8 @@ pub mod journal;
 pub mod keep;
 pub mod manifest;
 pub mod memory;
+pub mod mesh;
+pub mod png;
 pub mod result;
 pub mod sessions;
 pub mod verified;

@@ -3,13 +3,13 @@
 
 use super::exr::{Planes, read_planes, write_planes};
 use super::files::{self, Unfinished, shown};
+use super::png;
 use crate::numerics::brdf;
 use crate::numerics::fit::predict;
 use crate::numerics::image::Image;
 use crate::pipeline::fit::FitResult;
 use crate::pipeline::preview::preview;
 use crate::pipeline::report::MaterialFile;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// The files of a result, all of them written by [`write()`].
@@ -61,8 +61,9 @@ pub fn write(directory: &Path, result: &FitResult) -> Result<(), ResultError> {
     for &pixel in &result.observations.pixel {
         valid.pixels[pixel] = [255; 3];
     }
-    write_png(&unfinished.path("valid.png"), &valid)?;
-    write_png(&unfinished.path("preview.png"), &preview(result))?;
+    let picture = |path: PathBuf, picture: &Image<[u8; 3]>| png::write(&path, picture).map_err(|e| error(&path, e));
+    picture(unfinished.path("valid.png"), &valid)?;
+    picture(unfinished.path("preview.png"), &preview(result))?;
     write_json(&unfinished.path("report.json"), &result.report)?;
     unfinished.finish().map_err(|(path, e)| error(&path, e))
 }
@@ -120,16 +121,6 @@ fn write_residual(path: &Path, result: &FitResult) -> Result<(), ResultError> {
         .map_err(|e| ResultError { path: e.path, reason: e.reason })
 }
 
-fn write_png(path: &Path, picture: &Image<[u8; 3]>) -> Result<(), ResultError> {
-    let bytes: Vec<u8> = picture.pixels.iter().flatten().copied().collect();
-    let (width, height) = (picture.width as u32, picture.height as u32);
-    let mut encoded = Cursor::new(Vec::new());
-    let (colour, format) = (image::ExtendedColorType::Rgb8, image::ImageFormat::Png);
-    image::write_buffer_with_format(&mut encoded, &bytes, width, height, colour, format).map_err(|e| error(path, e))?;
-    // In one piece: the encoder's own buffer does not tell of a full disk.
-    std::fs::write(path, encoded.into_inner()).map_err(|e| error(path, e))
-}
-
 /// A material read back: its description and one weight map a material.
 pub struct StoredMaterial {
     /// `material.json`.
@@ -153,13 +144,35 @@ pub fn read_material(directory: &Path) -> Result<StoredMaterial, ResultError> {
         .map_err(|reason| error(&path, format!("{reason}; give a directory written by `rigd fit --out`")))?;
     let material: MaterialFile = serde_json::from_str(&text).map_err(|e| error(&path, e))?;
     material.check().map_err(|reason| error(&path, format!("{reason}; fit again or mend the file")))?;
-    let weights = read_weights(&weights_path, &material)?;
+    let weights = read_maps(&weights_path, &material)?;
+    for (m, map) in weights.iter().enumerate() {
+        if let Some(bad) = map.pixels.iter().find(|v| !v.is_finite() || **v < 0.0) {
+            let name = channel_name(m);
+            let reason = format!("the channel {name} holds {bad}; weights are finite and not negative");
+            return Err(error(&weights_path, reason));
+        }
+    }
     Ok(StoredMaterial { material, weights })
 }
 
-fn read_weights(path: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>, ResultError> {
+/// The file that [`read_sigma`] opens.
+pub fn sigma_file(directory: &Path) -> PathBuf {
+    directory.join("weights_sigma.exr")
+}
+
+/// Standard errors of the weights of `material`, read from the same directory, in the order of the materials; infinite where
+/// the data do not determine a weight.
+///
+/// # Errors
+/// The file is missing, damaged, or of another material.
+pub fn read_sigma(directory: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>, ResultError> {
+    read_maps(&sigma_file(directory), material)
+}
+
+/// One map a material, in the order of the materials.
+fn read_maps(path: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>, ResultError> {
     let [width, height] = material.size;
-    let planes = read_planes(path, (width, height)).map_err(|e| ResultError { path: e.path, reason: e.reason })?;
+    let mut planes = read_planes(path, (width, height)).map_err(|e| ResultError { path: e.path, reason: e.reason })?;
     if planes.size != planes.full {
         return Err(error(path, "the weight map does not fill its frame"));
     }
@@ -168,15 +181,10 @@ fn read_weights(path: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>,
         let reason = format!("{channels} channels, but material.json has {count} materials: take both from one fit");
         return Err(error(path, reason));
     }
-    let mut weights = Vec::new();
-    for m in 0..count {
+    let map = |m: usize| {
         let name = channel_name(m);
-        let found = planes.channels.iter().find(|(known, _)| *known == name);
-        let (_, pixels) = found.ok_or_else(|| error(path, format!("the channel {name} is missing")))?;
-        if let Some(bad) = pixels.iter().find(|v| !v.is_finite() || **v < 0.0) {
-            return Err(error(path, format!("the channel {name} holds {bad}; weights are finite and not negative")));
-        }
-        weights.push(Image { width, height, pixels: pixels.clone() });
-    }
-    Ok(weights)
+        let pixels = planes.take(&name).ok_or_else(|| error(path, format!("the channel {name} is missing")))?;
+        Ok(Image { width, height, pixels })
+    };
+    (0..count).map(map).collect()
 }

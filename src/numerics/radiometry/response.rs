@@ -118,6 +118,21 @@ impl Response {
         Self { log_exposure: [curve.clone(), curve.clone(), curve] }
     }
 
+    /// Levels as sRGB has them (IEC 61966-2-1), in every channel: for pictures where no camera's response is known.
+    pub fn srgb() -> Self {
+        let linear = |level: f64| {
+            let part = level / 255.0;
+            if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
+        };
+        let log = |level: usize| (linear((level as f64).max(0.5)) / linear(REFERENCE_LEVEL as f64)).ln();
+        Self { log_exposure: std::array::from_fn(|_| (0..LEVELS).map(log).collect()) }
+    }
+
+    /// The level, 0 to 255, that this log exposure gives in a channel; between levels, straight.
+    pub fn level(&self, channel: usize, log_exposure: f64) -> f64 {
+        level_of(&self.log_exposure[channel], log_exposure)
+    }
+
     /// Log exposure of a level between levels, 0 to 255.
     pub fn log_exposure_at(&self, channel: usize, level: f64) -> f64 {
         let curve = &self.log_exposure[channel];

@@ -34,6 +34,21 @@ pub struct Cost {
     pub bar: Option<Bar>,
 }
 
+impl Cost {
+    /// Its line of a table.
+    pub fn line(&self) -> String {
+        let clock = if self.wall { ", wall" } else { "" };
+        let bar = self.bar.map_or(String::new(), |bar| super::table::verdict(bar, &self.times));
+        let work = format!("{}{clock}", self.work);
+        let line = format!(
+            "  {work:<44}{:>10}{:>10}  {bar}",
+            super::table::seconds(self.times.best_s),
+            super::table::seconds(self.times.median_s)
+        );
+        line.trim_end().to_owned()
+    }
+}
+
 /// What was measured.
 pub enum Finding {
     /// A time.
@@ -185,17 +200,7 @@ pub fn heading((width, height): (usize, usize)) -> String {
 /// A line of the table.
 pub fn line(finding: &Finding) -> String {
     match finding {
-        Finding::Time(cost) => {
-            let clock = if cost.wall { ", wall" } else { "" };
-            let bar = cost.bar.map_or(String::new(), |bar| super::table::verdict(bar, &cost.times));
-            let work = format!("{}{clock}", cost.work);
-            let line = format!(
-                "  {work:<44}{:>10}{:>10}  {bar}",
-                super::table::seconds(cost.times.best_s),
-                super::table::seconds(cost.times.median_s)
-            );
-            line.trim_end().to_owned()
-        }
+        Finding::Time(cost) => cost.line(),
         Finding::Memory { work, peak_bytes } => {
             let held = if *peak_bytes <= 400_000_000 { "holds 400 MB" } else { "exceeds 400 MB" };
             format!("  {:<44}{:>20}  {held}", format!("{work}, peak memory"), format!("{} MB", peak_bytes / 1_000_000))

@@ -7,6 +7,7 @@ mod memory;
 pub mod merging;
 mod passes;
 pub mod photographs;
+pub mod rendering;
 mod table;
 
 use super::clock::ClockError;
@@ -163,6 +164,9 @@ pub enum BenchError {
     /// Frames cannot be made, read or merged.
     #[error("the frames cannot be developed: {0}")]
     Frames(String),
+    /// The scene to be rendered is refused.
+    #[error("the scene cannot be rendered: {0}")]
+    Scene(String),
     /// Nobody reads the table any more, or files cannot be written.
     #[error("table or files cannot be written: {0}")]
     Print(#[from] std::io::Error),
