@@ -6,7 +6,7 @@ use rig_config::{Rig, Scene, Shutter};
 use rigd::devices::Cancel;
 use rigd::devices::camera::{Camera, Shot};
 use rigd::session::plan::Station;
-use rigd::session::witness::{Drift, Witness, part, patch_part};
+use rigd::session::witness::{Drift, Lighting, Witness, part, patch_part};
 use rigd::sim::camera::{CameraFaults, Fault, SimulatedCamera};
 use rigd::sim::pose::{Pose, SharedPose};
 
@@ -57,8 +57,8 @@ impl Bench {
                 self.faults.inject(fault);
             }
             let frame = self.camera.shoot(&shot, &Cancel::default()).unwrap();
-            let look = self.witness.judge(&frame.bytes, &shot, true).unwrap();
-            self.witness.accept(&shot, look, true);
+            let look = self.witness.judge(&frame.bytes, &shot, Lighting::Front).unwrap();
+            self.witness.accept(&shot, look, Lighting::Front);
         }
         let of_object = self.witness.finish();
         let (of_patch, doubt) = self.witness.patch();

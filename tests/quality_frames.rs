@@ -8,7 +8,7 @@ use rig_config::{Rig, Scene, Shutter};
 use rigd::devices::Cancel;
 use rigd::devices::camera::{Camera, RawFrame, Shot};
 use rigd::session::quality::{Fingerprint, check};
-use rigd::session::witness::{Witness, lights_front, part};
+use rigd::session::witness::{Lighting, Witness, part};
 use rigd::sim::camera::{CameraFaults, Fault, SimulatedCamera};
 use rigd::sim::pose::{Pose, SharedPose};
 use std::collections::BTreeMap;
@@ -115,21 +115,21 @@ impl Bench {
         }
     }
 
-    fn judge(&mut self, frame: &RawFrame, shot: &Shot, front: bool) -> Result<(), String> {
+    fn judge(&mut self, frame: &RawFrame, shot: &Shot, lighting: Lighting) -> Result<(), String> {
         let fingerprint = Fingerprint::of(frame);
         let size = (self.rig.camera.width, self.rig.camera.height);
         let verdict = check(frame, shot, size, &fingerprint, self.last.as_ref());
         self.last = Some(fingerprint);
         verdict?;
-        let look = self.witness.judge(&frame.bytes, shot, front).map_err(|v| v.reason().to_owned())?;
-        self.witness.accept(shot, look, front);
+        let look = self.witness.judge(&frame.bytes, shot, lighting).map_err(|v| v.reason().to_owned())?;
+        self.witness.accept(shot, look, lighting);
         Ok(())
     }
 
     /// A bracket with a bad frame here and there; false when a later frame found one out and it must be shot again.
     fn bracket(&mut self, station: usize, angle_deg: f64, bad_share: f64) -> bool {
         self.witness.begin();
-        let front = lights_front(&self.rig, angle_deg);
+        let lighting = Lighting::of(&self.rig, angle_deg);
         let mut accepted: Option<(&'static str, String)> = None;
         for exposure in 0..EXPOSURES.len() {
             let shot = self.shot(station, exposure);
@@ -142,7 +142,7 @@ impl Bench {
                     let fault = self.fault(kind);
                     self.faults.inject(fault);
                     let frame = self.camera.shoot(&shot, &Cancel::default()).unwrap();
-                    match self.judge(&frame, &shot, front) {
+                    match self.judge(&frame, &shot, lighting) {
                         Err(_) => self.tally.bad.entry(kind).or_default()[0] += 1,
                         Ok(()) => {
                             accepted =
@@ -153,7 +153,7 @@ impl Bench {
                 }
             }
             let frame = self.camera.shoot(&shot, &Cancel::default()).unwrap();
-            match (self.judge(&frame, &shot, front), accepted.take()) {
+            match (self.judge(&frame, &shot, lighting), accepted.take()) {
                 (Ok(()), still) => {
                     accepted = still;
                     self.tally.good += 1;
@@ -208,7 +208,7 @@ fn a_percent_of_the_lamp_is_seen_within_a_bracket() {
                     bench.faults.inject(Fault::LampAt(permille));
                 }
                 let frame = bench.camera.shoot(&shot, &Cancel::default()).unwrap();
-                bench.judge(&frame, &shot, true).unwrap();
+                bench.judge(&frame, &shot, Lighting::Front).unwrap();
             }
             let change = bench.witness.finish().map(|drift| drift.change);
             let expected = f64::from(permille) / 1000.0 - 1.0;

@@ -129,6 +129,19 @@ fn a_lamp_that_burns_out_is_found_by_the_next_frame() {
     }
 }
 
+/// At 169 degrees the lamp is behind the object and lights a rim of half a pixel: long exposures are black there as well.
+#[test]
+fn a_lamp_behind_the_object_is_not_taken_for_one_that_is_out() {
+    let stage = Stage::new(small_rig(), |_| [1.0; 3]);
+    let engine = stage.engine();
+    let mut angles = ANGLES_DEG.to_vec();
+    angles.push(169.0);
+    let id = engine.start(&request(&angles, &EXPOSURES), None).unwrap().snapshot.id;
+    let end = wait_for(&engine, &id, S::Completed);
+    assert_eq!((end.frames_committed, end.refused), (FRAMES + EXPOSURES.len(), 0));
+    assert!(events(&engine, &id, "fault.raised").is_empty());
+}
+
 #[test]
 fn a_shutter_that_stays_closed_once_is_no_lamp_fault() {
     let stage = gated(|burning| [if burning.shots == 11 { 0.0 } else { 1.0 }; 3]);

@@ -24,6 +24,8 @@ const STRIPES: (f32, f32) = (3.0, 0.75);
 const LIT: f32 = 40.0;
 const UNLIT: f32 = 4.0;
 const BEHIND: i64 = 9;
+/// A lamp behind the object that lights less than this share of what is seen of a ball leaves the brightest hundredth of the picture dark.
+const RIM: f64 = 0.05;
 /// A lamp that changes by less than this within a bracket, or by less than four standard errors, is steady.
 const STEADY: f64 = 0.006;
 
@@ -55,6 +57,28 @@ pub struct Drift {
     pub change: f64,
     /// Standard error of that.
     pub sigma: f64,
+}
+
+/// What a lamp lights of the object's side that the camera sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lighting {
+    /// Half of it or more.
+    Front,
+    /// Less, from behind the object.
+    Behind,
+    /// Its rim at most: such a frame may be black with the lamp on.
+    Rim,
+}
+
+impl Lighting {
+    /// With the lamp on the arm at this angle, by the rig file's geometry. Of a ball the share `(1 + cos) / 2` is lit.
+    pub fn of(rig: &Rig, angle_deg: f64) -> Self {
+        match frontality(rig, angle_deg) {
+            cosine if cosine >= 0.0 => Self::Front,
+            cosine if 0.5 * (1.0 + cosine) >= RIM => Self::Behind,
+            _ => Self::Rim,
+        }
+    }
 }
 
 /// A frame that counts.
@@ -108,11 +132,11 @@ impl Witness {
         self.watch.part = Some(part);
     }
 
-    /// Judges a frame; `front`: its lamp lights the side of the object that the camera sees.
+    /// Judges a frame.
     ///
     /// # Errors
     /// Why it does not serve.
-    pub fn judge(&mut self, bytes: &[u8], shot: &Shot, front: bool) -> Result<Look, Verdict> {
+    pub fn judge(&mut self, bytes: &[u8], shot: &Shot, lighting: Lighting) -> Result<Look, Verdict> {
         let look = self.look(bytes).map_err(Verdict::Damaged)?;
         if let Some(rows) = look.grey_rows {
             let reason = format!(
@@ -126,7 +150,7 @@ impl Witness {
             );
             return Err(Verdict::Damaged(reason));
         }
-        self.against_stations(&look, shot, front).map_err(Verdict::Black)?;
+        self.against_stations(&look, shot, lighting).map_err(Verdict::Black)?;
         self.against_bracket(&look, shot)?;
         self.against_stripes(&look).map_err(Verdict::Contradicts)?;
         Ok(look)
@@ -142,8 +166,8 @@ impl Witness {
     }
 
     /// A frame that does not count shows that the lamp is on: later ones must show as much.
-    pub fn lit(&mut self, shot: &Shot, look: &Look, front: bool) {
-        if front {
+    pub fn lit(&mut self, shot: &Shot, look: &Look, lighting: Lighting) {
+        if lighting == Lighting::Front {
             let contrast = look.bright - look.background;
             let least = self.contrast.entry(third_stop(shot.shutter.true_s)).or_insert(contrast);
             *least = least.min(contrast);
@@ -151,10 +175,10 @@ impl Witness {
     }
 
     /// Takes the frame that was judged last, and committed, into account. Of one that is kept of a broken bracket the patch is not looked at.
-    pub fn accept(&mut self, shot: &Shot, look: Look, front: bool) {
+    pub fn accept(&mut self, shot: &Shot, look: Look, lighting: Lighting) {
         let true_s = shot.shutter.true_s;
         self.pixels.extend(look.hash.map(|hash| (hash, (shot.station, shot.exposure))));
-        self.lit(shot, &look, front);
+        self.lit(shot, &look, lighting);
         if let Some((change, sigma)) = self.brighter(&look, true_s)
             && change.abs() > STEADY.max(4.0 * sigma)
             && self.drift.as_ref().is_none_or(|known| known.sigma > sigma)
@@ -183,13 +207,17 @@ impl Witness {
     }
 
     /// While a bracket shows nothing, it can only be held against what other stations showed: in this time, or, if the lamp stands behind
-    /// the object, in an eighth of it.
-    fn against_stations(&self, look: &Look, shot: &Shot, front: bool) -> Result<(), String> {
+    /// the object, in an eighth of it; where it lights but the rim, by nothing.
+    fn against_stations(&self, look: &Look, shot: &Shot, lighting: Lighting) -> Result<(), String> {
         let seen = look.bright - look.background;
         if seen > UNLIT || self.bracket.iter().any(|frame| frame.look.shows()) {
             return Ok(());
         }
-        let longest = third_stop(shot.shutter.true_s) - if front { 0 } else { BEHIND };
+        let longest = match lighting {
+            Lighting::Front => third_stop(shot.shutter.true_s),
+            Lighting::Behind => third_stop(shot.shutter.true_s) - BEHIND,
+            Lighting::Rim => return Ok(()),
+        };
         let least = self.contrast.range(..=longest).map(|(_, least)| *least).reduce(f32::max);
         let Some(least) = least.filter(|&least| least >= LIT) else { return Ok(()) };
         Err(format!(
@@ -293,11 +321,6 @@ pub fn part(rig: &Rig, calibrated: bool) -> [usize; 4] {
 /// light it well enough, or without a patch.
 pub fn patch_part(rig: &Rig, station: &Station) -> Option<[usize; 4]> {
     patch::lit(rig, station).map(|c| [c.x, c.y, c.width, c.height])
-}
-
-/// True if a lamp on the arm at this angle lights the half of the object that the camera sees.
-pub fn lights_front(rig: &Rig, angle_deg: f64) -> bool {
-    frontality(rig, angle_deg) >= 0.0
 }
 
 /// What is wrong with `this` frame, which `other` predicts.

@@ -5,7 +5,7 @@ use super::{Acquisition, Ended, Stage, Trouble};
 use crate::devices::camera::Shot;
 use crate::numerics::quality::{Look, expected_error};
 use crate::session::ledger::FrameRecord;
-use crate::session::witness::{agree, can_tell, lights_front};
+use crate::session::witness::{Lighting, agree, can_tell};
 use serde_json::json;
 
 /// A frame of the broken bracket.
@@ -29,7 +29,7 @@ impl Acquisition<'_> {
             self.witness.begin();
         }
         for Kept { shot, look } in kept {
-            self.witness.accept(&shot, look, lights_front(self.rig, angle_deg));
+            self.witness.accept(&shot, look, Lighting::of(self.rig, angle_deg));
         }
         Ok(exposures)
     }
@@ -64,7 +64,7 @@ impl Acquisition<'_> {
                 self.record("bracket.rejected", json!({"station": station, "reason": reason}))?;
                 // What they showed, a lit lamp must show again.
                 for Kept { shot, look } in &kept {
-                    self.witness.lit(shot, look, lights_front(self.rig, angle_deg));
+                    self.witness.lit(shot, look, Lighting::of(self.rig, angle_deg));
                 }
                 // A camera that plays a folder has but this file if this exposure comes next.
                 self.last = None;

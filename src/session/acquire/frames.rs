@@ -5,7 +5,7 @@ use super::{Acquisition, Ended, Stage, Trouble};
 use crate::devices::camera::{RawFrame, Shot};
 use crate::numerics::quality::Look;
 use crate::session::quality::Fingerprint;
-use crate::session::witness::{Verdict, lights_front};
+use crate::session::witness::{Lighting, Verdict};
 use crate::store::{StoreError, frames};
 use rig_config::Shutter;
 use serde_json::json;
@@ -47,7 +47,7 @@ impl Acquisition<'_> {
                     match committed {
                         Ok(()) => {
                             if let Some(look) = look {
-                                self.witness.accept(&shot, look, lights_front(self.rig, angle_deg));
+                                self.witness.accept(&shot, look, Lighting::of(self.rig, angle_deg));
                             }
                             return Ok(self.doubt_optics(&frame)?);
                         }
@@ -73,8 +73,7 @@ impl Acquisition<'_> {
         if self.work.capture().is_none() {
             return Ok(None);
         }
-        let front = lights_front(self.rig, angle_deg);
-        self.witness.judge(&frame.bytes, shot, front).map(Some)
+        self.witness.judge(&frame.bytes, shot, Lighting::of(self.rig, angle_deg)).map(Some)
     }
 
     /// Journals a frame that does not serve; the error ends its bracket when it was retaken often enough.

@@ -6,7 +6,7 @@ use super::{Acquisition, Ended, Trouble};
 use crate::devices::camera::Shot;
 use crate::numerics::quality::{Look, brighter};
 use crate::session::calibration::plan::frontality;
-use crate::session::witness::lights_front;
+use crate::session::witness::Lighting;
 use serde_json::json;
 
 /// The lamp is steady when so many test frames in a row, evenly spread over `lamp.steady_s`, differ by less than this.
@@ -66,7 +66,7 @@ impl Acquisition<'_> {
             if shot.shutter.true_s < than.shutter.true_s
                 && let Ok(look) = self.test_frame(&shot, Some(angle_deg))?
             {
-                self.witness.lit(&shot, &look, lights_front(self.rig, angle_deg));
+                self.witness.lit(&shot, &look, Lighting::of(self.rig, angle_deg));
             }
         }
         Ok(())
@@ -102,7 +102,7 @@ impl Acquisition<'_> {
             seen += 1;
             showing += usize::from(look.shows());
             if brighter(&look, &look).is_some() {
-                self.witness.lit(&shot, &look, lights_front(self.rig, angle_deg));
+                self.witness.lit(&shot, &look, Lighting::of(self.rig, angle_deg));
                 self.tell_test(&shot, 1, None)?;
                 return Ok(Some((shot, look)));
             }
