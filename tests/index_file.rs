@@ -66,17 +66,17 @@ fn what_is_written_is_read_and_kept() {
     let data = folder.path();
     let mut index = Index::open(data).unwrap();
     let [before, after, other] = [rows("a", 40), rows("a", 70), rows("b", 3)];
-    index.put(&before, None).unwrap();
-    index.put(&other, None).unwrap();
-    index.put(&after, Some(&before)).unwrap();
+    index.put(&before).unwrap();
+    index.put(&other).unwrap();
+    index.put(&after).unwrap();
     assert_eq!(all(data), [after.clone(), other.clone()], "beside the writer");
     drop(index);
     assert_eq!(all(data), [after.clone(), other.clone()], "after it");
     let mut index = Index::open(data).unwrap();
     assert_eq!(all(data), [after.clone(), other.clone()], "opened again it is taken as it is");
-    // Without knowing what was there, nothing of it is left.
-    index.put(&other, None).unwrap();
-    index.put(&Rows { id: "a".into(), ..other.clone() }, None).unwrap();
+    // Nothing is left of what was there.
+    index.put(&other).unwrap();
+    index.put(&Rows { id: "a".into(), ..other.clone() }).unwrap();
     assert_eq!(all(data)[0], Rows { id: "a".into(), ..other.clone() });
     index.remove("a").unwrap();
     assert_eq!(all(data), [other]);
@@ -104,7 +104,7 @@ fn another_version_and_rows_that_were_not_written_here_are_not_believed() {
         "UPDATE frames SET run = 'c'",
         "DROP TABLE fits",
     ] {
-        Index::make(data).unwrap().put(&rows("a", 41), None).unwrap();
+        Index::make(data).unwrap().put(&rows("a", 41)).unwrap();
         let foreign = rusqlite::Connection::open(data.join(FILE)).unwrap();
         foreign.execute_batch(change).unwrap();
         drop(foreign);
@@ -121,8 +121,7 @@ fn readers_beside_the_writer_see_whole_states_in_order() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path();
     let mut index = Index::open(data).unwrap();
-    let mut before = rows("a", 0);
-    index.put(&before, None).unwrap();
+    index.put(&rows("a", 0)).unwrap();
     let ended = AtomicBool::new(false);
     let read = || {
         let (mut last, mut states) = (0, 0);
@@ -142,9 +141,7 @@ fn readers_beside_the_writer_see_whole_states_in_order() {
     std::thread::scope(|scope| {
         let readers = [scope.spawn(read), scope.spawn(read)];
         for frames in 1..=150 {
-            let now = rows("a", frames);
-            index.put(&now, Some(&before)).unwrap();
-            before = now;
+            index.put(&rows("a", frames)).unwrap();
         }
         ended.store(true, Ordering::SeqCst);
         for reader in readers {

@@ -50,7 +50,7 @@ pub fn rebuild(data: &Path) -> Result<Rebuilt, RebuildError> {
         let mut account = Account::new(&run.directory, &run.manifest, &work);
         account.read_to(run.journal.head.records)?;
         let rows = account.rows(run.journal.head.fault.as_ref());
-        index.put(&rows, None)?;
+        index.put(&rows)?;
         rebuilt.runs += 1;
         rebuilt.frames += rows.frames.len();
         rebuilt.fits += rows.fits.len();

@@ -3,14 +3,10 @@
 use super::account::Account;
 use crate::session::book::{Book, Entry, Inner};
 use crate::session::state::SessionState;
-use crate::store::index::{Index, IndexError, Rows};
+use crate::store::index::{Index, IndexError};
 use crate::store::journal::Head;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-
-/// Runs whose accounts are kept, so that only what is new of their journals is read: the one that holds the rig, and one that is
-/// fitted again.
-const KEPT: usize = 2;
 
 pub(super) struct Writer {
     data: PathBuf,
@@ -19,20 +15,12 @@ pub(super) struct Writer {
     known: BTreeMap<String, Head>,
     /// In which state each run was when it was last brought in.
     states: BTreeMap<String, SessionState>,
-    /// The last ones that changed, the last first.
-    kept: Vec<Followed>,
     faulty: bool,
-}
-
-/// A run that changes.
-struct Followed {
-    account: Account,
-    written: Rows,
 }
 
 impl Writer {
     pub(super) fn new(data: PathBuf) -> Self {
-        Self { data, index: None, known: BTreeMap::new(), states: BTreeMap::new(), kept: Vec::new(), faulty: false }
+        Self { data, index: None, known: BTreeMap::new(), states: BTreeMap::new(), faulty: false }
     }
 
     /// True after the index could not be written, until it could.
@@ -45,18 +33,13 @@ impl Writer {
         let mut outcome = self.try_to(book, stop);
         if matches!(outcome, Err(IndexError::Damaged { .. })) {
             // Opening it anew finds the damage and makes it anew.
-            self.close();
+            self.index = None;
             outcome = self.try_to(book, stop);
         }
         if outcome.is_err() {
-            self.close();
+            self.index = None;
         }
         self.tell(book, outcome.err());
-    }
-
-    fn close(&mut self) {
-        self.index = None;
-        self.kept.clear();
     }
 
     /// Says it once when the index cannot be written, and when it can again.
@@ -88,13 +71,14 @@ impl Writer {
         for id in removed {
             index.remove(&id)?;
             self.known.remove(&id);
-            self.kept.retain(|run| run.written.id != id);
         }
-        for (id, head) in changed {
+        for (id, head, state) in changed {
             if stop() {
                 break;
             }
-            self.account_for(&mut index, book, id, head)?;
+            account_for(&mut index, book, &id, &head)?;
+            self.states.insert(id.clone(), state);
+            self.known.insert(id, head);
         }
         self.index = Some(index);
         Ok(())
@@ -102,38 +86,21 @@ impl Writer {
 
     /// Runs of the index that are no more, and runs of the book that the index is behind with. One that goes on is brought in when its
     /// state changes: its rows would be memory that grows with every frame of a night.
-    fn behind(&self, inner: &Inner) -> (Vec<String>, Vec<(String, Head)>) {
+    fn behind(&self, inner: &Inner) -> (Vec<String>, Vec<(String, Head, SessionState)>) {
         let removed = self.known.keys().filter(|id| !inner.runs.contains_key(*id)).cloned().collect();
         let wanted = |id: &str, run: &Entry| run.state().is_final() || self.states.get(id) != Some(&run.state());
         let changed = inner.runs.iter().filter(|(id, run)| self.known.get(*id) != Some(&run.head) && wanted(id, run));
-        (removed, changed.map(|(id, entry)| (id.clone(), entry.head.clone())).collect())
+        (removed, changed.map(|(id, run)| (id.clone(), run.head.clone(), run.state())).collect())
     }
+}
 
-    fn account_for(&mut self, index: &mut Index, book: &Book, id: String, head: Head) -> Result<(), IndexError> {
-        let state = book.look(&id, |run| run.state());
-        let kept = self.kept.iter().position(|run| run.written.id == id).map(|at| self.kept.remove(at));
-        let (mut account, written) = match kept {
-            Some(run) => (run.account, Some(run.written)),
-            None => {
-                let new = book.look(&id, |run| Account::new(&run.directory, &run.manifest, &run.work));
-                // Removed in between.
-                let Some(new) = new else { return Ok(()) };
-                (new, None)
-            }
-        };
-        match account.read_to(head.records) {
-            Ok(()) => {
-                let rows = account.rows(head.fault.as_ref());
-                index.put(&rows, written.as_ref())?;
-                self.kept.insert(0, Followed { account, written: rows });
-                self.kept.truncate(KEPT);
-            }
-            Err(error) => tracing::warn!(session = id, %error, "a journal that cannot be read is not in the index"),
-        }
-        if let Some(state) = state {
-            self.states.insert(id.clone(), state);
-        }
-        self.known.insert(id, head);
-        Ok(())
+fn account_for(index: &mut Index, book: &Book, id: &str, head: &Head) -> Result<(), IndexError> {
+    let account = book.look(id, |run| Account::new(&run.directory, &run.manifest, &run.work));
+    // Removed in between.
+    let Some(mut account) = account else { return Ok(()) };
+    match account.read_to(head.records) {
+        Ok(()) => index.put(&account.rows(head.fault.as_ref()))?,
+        Err(error) => tracing::warn!(session = id, %error, "a journal that cannot be read is not in the index"),
     }
+    Ok(())
 }

@@ -146,24 +146,16 @@ impl Index {
         Ok(Self(Reader { connection, path: path.clone() }))
     }
 
-    /// Writes what is to be said of a run, in one transaction. `before` is what is there, where that is known: then only what differs
-    /// is written, and nothing that was said is taken back.
+    /// Writes what is to be said of a run in place of what was, in one transaction.
     ///
     /// # Errors
     /// The disk is full or refuses.
-    pub fn put(&mut self, rows: &Rows, before: Option<&Rows>) -> Result<(), IndexError> {
+    pub fn put(&mut self, rows: &Rows) -> Result<(), IndexError> {
         let put = || -> rusqlite::Result<()> {
             let transaction = self.connection.unchecked_transaction()?;
-            if before.is_none() {
-                delete(&transaction, &rows.id)?;
-            }
-            let (frames, fits) = before.map_or((&[][..], &[][..]), |before| (&before.frames[..], &before.fits[..]));
-            for frame in differing(&rows.frames, frames, |frame| &frame.file) {
-                FRAMES.put(&transaction, &rows.id, frame)?;
-            }
-            for fit in differing(&rows.fits, fits, |fit| &fit.seq) {
-                FITS.put(&transaction, &rows.id, fit)?;
-            }
+            delete(&transaction, &rows.id)?;
+            rows.frames.iter().try_for_each(|frame| FRAMES.put(&transaction, &rows.id, frame))?;
+            rows.fits.iter().try_for_each(|fit| FITS.put(&transaction, &rows.id, fit))?;
             let failed = |e: serde_json::Error| rusqlite::Error::ToSqlConversionFailure(e.into());
             let mut run = serde_json::to_value(&rows.run).map_err(failed)?;
             run["digest"] = rows.digest().map_err(failed)?.into();
@@ -190,17 +182,5 @@ impl Index {
 fn delete(connection: &Connection, id: &str) -> rusqlite::Result<()> {
     ALL.iter().try_for_each(|table| {
         connection.execute(&format!("DELETE FROM {} WHERE run = ?1", table.name), [id]).map(|_| ())
-    })
-}
-
-/// Rows that are not among those of `before`; both are in the order of their keys.
-fn differing<'a, T: PartialEq, K: Ord>(
-    rows: &'a [T],
-    before: &'a [T],
-    key: impl Fn(&T) -> &K,
-) -> impl Iterator<Item = &'a T> {
-    rows.iter().filter(move |row| {
-        let at = before.binary_search_by(|old| key(old).cmp(key(row)));
-        at.ok().and_then(|at| before.get(at)) != Some(row)
     })
 }
