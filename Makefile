@@ -52,13 +52,16 @@ lint:
 	$(heading) 'lints'
 	@$(CARGO) clippy --quiet --workspace --all-targets --features rigd/raw,rigd/libjpeg-turbo,rigd/tls -- -D warnings
 
-# Those of the camera worker wait for most of their time, so they run beside the rest.
+WAITING := acquisition daemon_night fault_matrix faults shooting usb usb_driver
+
+# The camera worker's tests wait for most of their time, so they run beside the rest.
 units:
 	$(heading) 'tests of the workspace'
 	@$(CARGO) test --quiet --workspace --no-run
-	@told=$$(mktemp) && trap 'rm -f "$$told"' EXIT && { $(CARGO) test --quiet --package camera-worker >"$$told" 2>&1 & worker=$$!; \
+	@told=$$(mktemp) && trap 'rm -f "$$told"' EXIT && \
+		{ $(CARGO) test --quiet --workspace --bin camera-worker $(WAITING:%=--test %) >"$$told" 2>&1 & waiting=$$!; \
 		$(CARGO) test --quiet --workspace --exclude camera-worker; rest=$$?; \
-		wait $$worker; worker=$$?; cat "$$told"; [ $$rest = 0 ] && [ $$worker = 0 ]; }
+		wait $$waiting; waiting=$$?; cat "$$told"; [ $$rest = 0 ] && [ $$waiting = 0 ]; }
 
 features:
 	$(heading) 'tests of the features raw (Canon raw files), libjpeg-turbo and tls'

@@ -29,7 +29,7 @@ fn a_short_night_is_completed_and_a_killed_host_leaves_the_rig_safe() {
 }
 
 #[test]
-#[ignore = "ten minutes: cargo test -p camera-worker --test night -- --ignored --nocapture"]
+#[ignore = "ten minutes: cargo test -p camera-worker --test daemon_night -- --ignored --nocapture"]
 fn a_night_of_1810_frames_is_completed_in_flat_memory() {
     let mut night = Night::begin(181);
     let story = night.shoot(2, FAULT_EVERY);
