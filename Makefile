@@ -138,6 +138,7 @@ PICTURES := $(TARGET)/browser-pictures
 browser: release $(TARGET)/browser/installed
 	$(heading) 'the page in a browser'
 	@'$(TARGET)/browser/bin/python' tests/browser/page.py '$(RIGD)' '$(PICTURES)'
+	@'$(TARGET)/browser/bin/python' tests/browser/viewer.py '$(RIGD)' '$(PICTURES)'
 
 $(TARGET)/browser/installed: tests/browser/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/browser'

@@ -7,6 +7,7 @@ use daemon::{Answer, Daemon};
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 
+const OBJ: (&str, &str) = ("content-type", "model/obj");
 const JSON: (&str, &str) = ("content-type", "application/json");
 /// A plan of six frames, which the simulated rig shoots in a moment; fewer than three exposures give no response.
 const SMALL: &str = r#"{"stations_deg": [-20, 15], "exposures": ["1/20", "1/40", "1/100"]}"#;
@@ -52,13 +53,31 @@ fn every_refusal_is_a_problem() {
         ("POST", "/v1/sessions", &[JSON, ("idempotency-key", "")], SMALL, 400),
         ("POST", "/v1/sessions", &[JSON], r#"{"stations_deg": [900, -900], "exposures": ["1/90"]}"#, 422),
         ("POST", "/v1/sessions", &[JSON], r#"{"exposures": ["1/20", "1/100"]}"#, 422),
+        ("POST", "/v1/meshes", &[], "v 0 0 0", 415),
+        ("POST", "/v1/meshes", &[JSON], "{}", 415),
+        ("POST", "/v1/meshes?format=obj", &[OBJ], "v 0 0 0", 400),
+        ("POST", "/v1/meshes", &[OBJ], "v 0 0 0", 422),
+        ("POST", "/v1/meshes", &[("content-type", "model/gltf-binary")], "glTF", 422),
+        ("GET", "/v1/meshes/teapot", &[], "", 404),
     ];
     for (method, target, headers, body, status) in cases {
         let answer = daemon.call(method, target, headers, body);
         assert_problem(&answer, *status, target.split('?').next().unwrap());
         assert_eq!(answer.header("allow").is_some(), *status == 405, "{target}: Allow");
     }
-    for rest in ["/plan", "/events", "/frames", "/frames/000-00.jpg", "/material", "/result/preview.png"] {
+    for rest in [
+        "/plan",
+        "/events",
+        "/frames",
+        "/frames/000-00.jpg",
+        "/material",
+        "/result/preview.png",
+        "/texture",
+        "/response",
+        "/lights",
+        "/surface",
+        "/surface/0",
+    ] {
         assert_problem(&daemon.get(&format!("{nobody}{rest}")), 404, &format!("{nobody}{rest}"));
     }
     for verb in ["pause", "resume", "stop", "abort"] {
@@ -278,6 +297,7 @@ fn the_page_needs_no_other_machine() {
             Some((_, "js")) => "text/javascript",
             Some((_, "css")) => "text/css",
             Some((_, "svg")) => "image/svg+xml",
+            Some((_, "glsl")) => "text/plain",
             _ => "text/html",
         };
         let answer = daemon.get(&path);

@@ -4,8 +4,11 @@
 mod daemon;
 
 use daemon::Daemon;
+use rigd::store::exr::read_planes;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader};
+use std::collections::HashSet;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -106,6 +109,71 @@ fn a_session_outlives_its_client_and_who_reconnects_misses_no_event() {
     let material = daemon.get(&format!("{location}/material")).json();
     assert_eq!(material["report"]["mean_relative_error"], session["mean_relative_error"]);
     assert_eq!(material["material"]["provenance"]["simulated"], true);
+    what_a_viewer_needs_is_told(&daemon, &location, &material["material"]);
+}
+
+/// The bytes of an answer to GET, as a file.
+fn downloaded(daemon: &Daemon, target: &str, path: &Path) {
+    let mut answer = Vec::new();
+    daemon.open(target, &[]).read_to_end(&mut answer).unwrap();
+    let body = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap() + 4;
+    assert!(answer.starts_with(b"HTTP/1.1 200"), "{}", String::from_utf8_lossy(&answer[..body]));
+    std::fs::write(path, &answer[body..]).unwrap();
+}
+
+/// Texture, response, lights and surface are those of the files, and wrong requests for them are refused.
+fn what_a_viewer_needs_is_told(daemon: &Daemon, location: &str, material: &Value) {
+    let folder = tempfile::tempdir().unwrap();
+    let full: (usize, usize) = serde_json::from_value(material["size"].clone()).unwrap();
+    let maps = read_planes(&daemon.directory(location).join("result/weights.exr"), full).unwrap();
+    let texture = daemon.get(&format!("{location}/texture?patch=32")).json();
+    let count = material["materials"].as_array().unwrap().len();
+    assert_eq!((&texture["model"], texture["materials"].as_array().unwrap().len()), (&material["model"], count));
+    assert_eq!(texture["materials"][0]["rho_d"][1], material["materials"][0]["rho_d"][1]["value"]);
+    let [x, y] = ["x", "y"].map(|key| texture[key].as_u64().unwrap() as usize);
+    // Beyond the first quarter, where its edges were joined, the texture is the weight map.
+    for (i, j) in [(8, 8), (31, 9), (20, 31)] {
+        for m in 0..count {
+            let told = texture["weights"][(j * 32 + i) * count + m].as_f64().unwrap() as f32;
+            assert_eq!(told, maps.channels[m].1[(y + j) * full.0 + x + i], "texel {i}, {j}, material {m}");
+        }
+    }
+    let response = daemon.get(&format!("{location}/response")).json();
+    assert_eq!((&response["calibration"], &response["log_exposure"][2][128]), (&Value::Null, &json!(0.0)));
+    let lights = daemon.get(&format!("{location}/lights")).json();
+    assert_eq!(lights["lights"].as_array().unwrap().len(), 7);
+    assert!(lights["lights"][6]["position_mm"][2].is_number() && lights["lights"][6].get("direction").is_none());
+
+    let path = folder.path().join("surface.exr");
+    downloaded(daemon, &format!("{location}/surface?most=64"), &path);
+    // The shipped ball is at (0, 0, 1500) with a radius of 30 mm.
+    let size = (1..=64).flat_map(|w| [(w, w), (w, w - 1), (w - 1, w)]).find(|&size| read_planes(&path, size).is_ok());
+    let seen = read_planes(&path, size.unwrap()).unwrap();
+    let plane = |name: &str| &seen.channels.iter().find(|(known, _)| known == name).unwrap().1;
+    let on: Vec<usize> = (0..plane("normal.Z").len()).filter(|&i| plane("normal.Z")[i] != 0.0).collect();
+    assert!(on.len() > 1000, "{} points are seen", on.len());
+    for &i in &on {
+        let from = [plane("position.X")[i], plane("position.Y")[i], plane("position.Z")[i] - 1500.0].map(|c| c / 30.0);
+        let normal = ["X", "Y", "Z"].map(|axis| plane(&format!("normal.{axis}"))[i]);
+        assert!(from.iter().zip(normal).all(|(a, b)| (a - b).abs() < 1e-4), "{from:?} {normal:?}");
+    }
+    let weights: HashSet<u32> = maps.channels[0].1.iter().map(|weight| weight.to_bits()).collect();
+    assert!(on.iter().all(|&i| weights.contains(&plane("material_1")[i].to_bits())), "pixels are picked, not averaged");
+    assert!(["sigma_1", "residual.G", "view.Z"].iter().all(|name| plane(name).iter().any(|v| *v != 0.0)));
+    downloaded(daemon, &format!("{location}/surface/6?most=64"), &path);
+    assert_eq!(read_planes(&path, size.unwrap()).unwrap().channels.len(), 4);
+
+    for (rest, status) in [
+        ("texture?patch=256", 422),
+        ("texture?patch=7", 400),
+        ("texture?side=32", 400),
+        ("surface?most=15", 400),
+        ("surface/7", 404),
+        ("surface/one", 404),
+        ("lights/0", 404),
+    ] {
+        assert_eq!(daemon.get(&format!("{location}/{rest}")).status, status, "{rest}");
+    }
 }
 
 #[test]

@@ -28,18 +28,31 @@ export function reached() {
   line.lost = false;
 }
 
+function unreachable(error) {
+  line.lost = true;
+  throw new Unreachable(error.message);
+}
+
+/// What a request that was refused throws: the daemon's `problem` in words.
+const refusal = (body, text) => Object.assign(new Error((body.reasons ?? [body.detail ?? text]).join("\n")), { problem: body });
+
 /// The answer's JSON; an error with the daemon's `problem` if it refuses.
 export async function ask(path, options) {
-  const unreachable = (error) => {
-    line.lost = true;
-    throw new Unreachable(error.message);
-  };
   const answer = await load(path, options).catch(unreachable);
   const text = await answer.text().catch(unreachable);
   reached();
   const body = /json/.test(answer.headers.get("content-type")) ? JSON.parse(text) : text;
-  if (!answer.ok) throw Object.assign(new Error((body.reasons ?? [body.detail ?? text]).join("\n")), { problem: body });
+  if (!answer.ok) throw refusal(body, text);
   return body;
+}
+
+/// The answer's bytes; refused as with `ask`.
+export async function bytes(path, options) {
+  const answer = await load(path, options).catch(unreachable);
+  const told = await (answer.ok ? answer.arrayBuffer() : answer.json()).catch(unreachable);
+  reached();
+  if (!answer.ok) throw refusal(told, "refused");
+  return told;
 }
 
 export const post = (path, body, headers = {}) => ask(path, body === undefined

@@ -5,7 +5,7 @@ import { frames } from "/frames.js";
 import { health } from "/health.js";
 import { plan } from "/plan.js";
 import { queue } from "/queue.js";
-import { results } from "/results.js";
+import { results, viewer } from "/results.js";
 import { ended, listen, look, rig, running } from "/rig.js";
 import { run, watch } from "/run.js";
 import { $, h, state } from "/show.js";
@@ -14,23 +14,24 @@ import { armStop, showCalibration, showStop } from "/verbs.js";
 const VIEWS = {
   "": ["Dashboard", dashboard], new: ["New session", plan], queue: ["Queue", queue],
   frames: ["Frames", frames], results: ["Results", results], health: ["Health", health],
+  viewer: ["Viewer", viewer, "Results"],      // the third: reached from there, not by a link of its own
 };
 const LOOK_MS = 5000;
 let view = {};
 let shown = "";
 
-$("views").append(...Object.entries(VIEWS).map(([key, [title]]) => h("li", {}, h("a", { href: `#/${key}` }, title))));
+$("views").append(...Object.entries(VIEWS).filter(([, [, , under]]) => !under).map(([key, [title]]) => h("li", {}, h("a", { href: `#/${key}` }, title))));
 
 /// Opens the view that the address names.
 function open() {
   const [, key = "", arg] = location.hash.split("/");
-  const [title, make] = VIEWS[key] ?? VIEWS[""];
+  const [title, make, under = title] = VIEWS[key] ?? VIEWS[""];
   view.close?.();
   say();
   $("view").replaceChildren();
   view = make($("view"), arg || undefined);
   for (const link of $("views").querySelectorAll("a")) {
-    if (link.textContent === title) link.setAttribute("aria-current", "page");
+    if (link.textContent === under) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   shown = title;

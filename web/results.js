@@ -37,7 +37,8 @@ export function results(view, id) {
     const s = await ask(`/v1/sessions/${id}`);
     const without = ended(s) ? "No material was fitted." : "The material is there once the session has ended.";
     fill(head, h("h3", {}, s.name, " ", badge(s.state), s.simulated ? " (simulated)" : ""), s.reason ? h("p", { className: "reason" }, s.reason) : "", told(s),
-      list("Warnings", s.warnings, "warnings"), h("p", {}, h("a", { href: `#/frames/${s.id}` }, "Its frames")), s.mean_relative_error == null ? h("p", {}, without) : "");
+      list("Warnings", s.warnings, "warnings"), h("p", { className: "verbs" }, h("a", { href: `#/frames/${s.id}` }, "Its frames"),
+        s.mean_relative_error == null ? "" : h("a", { href: `#/viewer/${s.id}`, className: "action" }, "Relight it")), s.mean_relative_error == null ? h("p", {}, without) : "");
     if (s.mean_relative_error != null) await show(s);
   }, (reason) => fill(head, h("p", { className: "warnings" }, reason)));
 
@@ -50,4 +51,25 @@ export function results(view, id) {
   if (!id) fill(head, h("p", {}, "Choose a session."));
   look();
   return { update, look };
+}
+
+/// The viewer of a session's material, loaded when it is opened: it weighs half as much as all the rest of the page.
+export function viewer(view, id) {
+  const place = h("div", {}, h("p", {}, "Loading …"));
+  view.append(h("h2", {}, "Viewer"), h("p", {}, h("a", { href: `#/results/${id ?? ""}` }, "The result")), place);
+  let close = null;
+  let gone = false;
+  const show = async () => {
+    const made = await (await import("/viewer.js")).view(place, id);
+    if (gone) made();
+    else close = made;
+  };
+  if (id) show().catch((error) => place.replaceChildren(h("p", { className: "warnings" }, `The viewer cannot be shown: ${error.message}`)));
+  else place.replaceChildren(h("p", {}, "Choose a session, then its result."));
+  return {
+    close() {
+      gone = true;
+      close?.();
+    },
+  };
 }

@@ -16,6 +16,7 @@ mod rig;
 mod server;
 mod sessions;
 mod tls;
+mod viewer;
 
 pub use auth::{TokenError, Tokens, is_token};
 pub use problem::Problem;

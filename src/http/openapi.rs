@@ -1,7 +1,7 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, auth, calibrations, events, metrics, queue, results, rig, sessions};
+use super::{HttpState, auth, calibrations, events, metrics, queue, results, rig, sessions, viewer};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
@@ -28,6 +28,7 @@ use utoipa_axum::routes;
     tags(
         (name = "sessions", description = "One acquisition each, from the first light station to the fitted material."),
         (name = "results", description = "Frames, material and result files of a session."),
+        (name = "viewer", description = "What shows a fitted material under any light: texture, response, lights, the object as it was seen, meshes."),
         (name = "calibrations", description = "Camera, response and lights, measured step by step with board, card and balls; and the settle time of the arm."),
         (name = "queue", description = "Sessions that wait for their turn."),
         (name = "rig", description = "The rig itself."),
@@ -77,6 +78,7 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(rig::livez))
         .routes(routes!(rig::readyz))
         .routes(routes!(metrics::metrics))
+        .merge(viewer::routes())
 }
 
 /// Name of the one way to say who asks.

@@ -8,6 +8,8 @@ use axum::routing::get;
 
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
+const SHADER: &str = "text/plain; charset=utf-8";
+
 const FILES: &[(&str, &str, &str)] = &[
     ("/", "text/html; charset=utf-8", include_str!("../../web/index.html")),
     ("/page.css", "text/css; charset=utf-8", include_str!("../../web/page.css")),
@@ -27,6 +29,19 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/run.js", SCRIPT, include_str!("../../web/run.js")),
     ("/show.js", SCRIPT, include_str!("../../web/show.js")),
     ("/verbs.js", SCRIPT, include_str!("../../web/verbs.js")),
+    ("/viewer.js", SCRIPT, include_str!("../../web/viewer.js")),
+    ("/viewer-files.js", SCRIPT, include_str!("../../web/viewer-files.js")),
+    ("/viewer-gl.js", SCRIPT, include_str!("../../web/viewer-gl.js")),
+    ("/viewer-hands.js", SCRIPT, include_str!("../../web/viewer-hands.js")),
+    ("/viewer-space.js", SCRIPT, include_str!("../../web/viewer-space.js")),
+    ("/viewer-brdf.glsl", SHADER, include_str!("../../web/viewer-brdf.glsl")),
+    ("/viewer-depth.glsl", SHADER, include_str!("../../web/viewer-depth.glsl")),
+    ("/viewer-mesh.glsl", SHADER, include_str!("../../web/viewer-mesh.glsl")),
+    ("/viewer-mesh-vertex.glsl", SHADER, include_str!("../../web/viewer-mesh-vertex.glsl")),
+    ("/viewer-object.glsl", SHADER, include_str!("../../web/viewer-object.glsl")),
+    ("/viewer-screen-vertex.glsl", SHADER, include_str!("../../web/viewer-screen-vertex.glsl")),
+    ("/viewer-shade.glsl", SHADER, include_str!("../../web/viewer-shade.glsl")),
+    ("/viewer-show.glsl", SHADER, include_str!("../../web/viewer-show.glsl")),
 ];
 
 /// The page may load and ask nothing but this daemon, and no other page may frame its buttons.

@@ -99,6 +99,17 @@ impl Problem {
         Self::new(StatusCode::REQUEST_TIMEOUT, "too-slow", "Request timeout", detail)
     }
 
+    /// A body of a type that is not taken.
+    pub(super) fn wrong_type(detail: &str) -> Self {
+        Self::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "wrong-type", "Unsupported content type", detail)
+    }
+
+    /// A body that is too large.
+    pub(super) fn too_large(most: usize) -> Self {
+        let detail = format!("the body is larger than {most} bytes");
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Body too large", detail)
+    }
+
     /// The daemon cannot work now.
     pub(super) fn not_ready(reasons: Vec<String>) -> Self {
         let detail = format!("no session can start: {}", reasons.join("; "));
@@ -136,7 +147,9 @@ impl From<EngineError> for Problem {
         match error {
             EngineError::UnknownSession { .. }
             | EngineError::UnknownCalibration { .. }
+            | EngineError::UnknownLight { .. }
             | EngineError::UnknownEntry { .. } => Self::not_found(detail),
+            EngineError::Unshown { .. } => of(StatusCode::UNPROCESSABLE_ENTITY, "not-shown", "It cannot be shown"),
             EngineError::DamagedCalibration { .. } => {
                 of(StatusCode::CONFLICT, "calibration-damaged", "The calibration is damaged")
             }
@@ -171,10 +184,7 @@ impl From<JsonRejection> for Problem {
                 let detail = "send the body as JSON with `Content-Type: application/json`";
                 Self::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "no-json", "Unsupported content type", detail)
             }
-            StatusCode::PAYLOAD_TOO_LARGE => {
-                let detail = format!("the body is larger than {} bytes", super::LARGEST_BODY);
-                Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too-large", "Body too large", detail)
-            }
+            StatusCode::PAYLOAD_TOO_LARGE => Self::too_large(super::LARGEST_BODY),
             // The line and column would be those of our own normal form of the body, not of the client's text.
             StatusCode::UNPROCESSABLE_ENTITY => {
                 let detail = detail

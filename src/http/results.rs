@@ -118,11 +118,11 @@ enum ResultName {
     Preview,
 }
 
-/// Bytes of an image.
+/// Bytes of a file.
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[allow(dead_code, reason = "only its schema is used")]
-struct Binary(Vec<u8>);
+pub(super) struct Binary(Vec<u8>);
 
 #[derive(Deserialize)]
 pub(super) struct FilePath {
@@ -213,7 +213,7 @@ pub(super) async fn refit(
 }
 
 /// Refusal for something a session does not have, with its state.
-async fn nothing_yet(state: &HttpState, id: String, what: &str) -> Problem {
+pub(super) async fn nothing_yet(state: &HttpState, id: String, what: &str) -> Problem {
     match ask(state, move |engine| engine.session(&id)).await {
         Ok(SessionSnapshot { id, state, .. }) => {
             Problem::not_yet(state, format!("session {id} has no {what}: it is there once a fit has ended well"))

@@ -18,3 +18,4 @@ pub mod relight;
 pub mod render;
 pub mod report;
 pub mod settle;
+pub mod surface;

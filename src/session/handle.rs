@@ -5,6 +5,7 @@ mod kept;
 mod lamp;
 mod notice;
 mod queue;
+mod viewer;
 
 use super::adaptive::Saved;
 use super::book::{Book, Entry, Inner};
@@ -34,6 +35,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 use utoipa::ToSchema;
+pub use viewer::{Curves, Shading, ShownLight, Texture, checked_mesh, shape};
 
 /// A session as anyone may see it: the body of `GET /v1/sessions/{id}`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -110,6 +112,20 @@ pub enum EngineError {
     UnknownEntry {
         /// The id asked for.
         id: String,
+    },
+    /// No light of that number.
+    #[error("no light {light}: the session has {lights}, numbered from 0")]
+    UnknownLight {
+        /// The number asked for.
+        light: usize,
+        /// How many there are.
+        lights: usize,
+    },
+    /// A material or mesh that cannot be shown as asked.
+    #[error("{reason}")]
+    Unshown {
+        /// Why, and what to do.
+        reason: String,
     },
     /// What a completed calibration measured is damaged or gone.
     #[error("calibration {version} ({id}) cannot be used: {reason}")]

@@ -16,7 +16,7 @@ use exr::prelude::{
     LayerAttributes, ReadChannels, ReadLayers, Text, Vec2, WritableImage,
 };
 use std::collections::HashMap;
-use std::io::Read;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 /// Why an EXR file cannot be read or written.
@@ -63,6 +63,18 @@ impl Planes {
 
 /// Writes planes with a text that says what the pixels are.
 pub fn write_planes(path: &Path, planes: Planes, about: &str) -> Result<(), ExrError> {
+    described(path, planes, about)?.write().to_file(path).map_err(|e| error(path, e.to_string()))
+}
+
+/// The bytes of a file of this name, as [`write_planes`] writes it.
+pub fn encode_planes(name: &str, planes: Planes, about: &str) -> Result<Vec<u8>, ExrError> {
+    let (path, mut bytes) = (Path::new(name), Vec::new());
+    let image = described(path, planes, about)?;
+    image.write().to_buffered(Cursor::new(&mut bytes)).map_err(|e| error(path, e.to_string()))?;
+    Ok(bytes)
+}
+
+fn described(path: &Path, planes: Planes, about: &str) -> Result<ExrImage<Layer<AnyChannels<FlatSamples>>>, ExrError> {
     let named = planes.channels.into_iter().map(|(name, pixels)| Ok((text(path, &name)?, pixels)));
     let channels = named
         .map(|channel| channel.map(|(name, pixels)| AnyChannel::new(name, FlatSamples::F32(pixels))))
@@ -73,7 +85,7 @@ pub fn write_planes(path: &Path, planes: Planes, about: &str) -> Result<(), ExrE
         Layer::new(Vec2(planes.size.0, planes.size.1), attributes, Encoding::UNCOMPRESSED, AnyChannels::sort(channels));
     let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(planes.full.0, planes.full.1)));
     shared.other = HashMap::from([(text(path, ATTRIBUTE)?, AttributeValue::Text(text(path, about)?))]);
-    ExrImage::new(shared, layer).write().to_file(path).map_err(|e| error(path, e.to_string()))
+    Ok(ExrImage::new(shared, layer))
 }
 
 /// EXR text is one byte a character: what does not fit is written as its escape.

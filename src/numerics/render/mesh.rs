@@ -199,6 +199,11 @@ impl Mesh {
         Ok(Self { dropped, middle, radius, extent: (high - low).max(), parts })
     }
 
+    /// What it is made of: every triangle has an area, and there are as many normals as vertices, of length 1 or 0.
+    pub fn parts(&self) -> &Parts {
+        &self.parts
+    }
+
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.parts.triangles.len()

@@ -1,6 +1,7 @@
 //! Meshes out of files: Wavefront OBJ and glTF 2.0, as text (.gltf) and in one piece (.glb). Of both only triangles, normals
 //! and texture coordinates count; materials, pictures, bones and animations are passed over.
 
+pub mod glb;
 mod gltf;
 mod obj;
 

@@ -1,0 +1,354 @@
+// The fitted material under any light: on a mesh, or on the object as it was photographed, beside its photographs.
+import { ask, attempt, bytes, say } from "/api.js";
+import { h, percent } from "/show.js";
+import { readMaps, readMesh } from "/viewer-files.js";
+import { Renderer, SHADOW } from "/viewer-gl.js";
+import { hands } from "/viewer-hands.js";
+import { FIELD, FROM, axes, scale, turned, unit, wholeDistance } from "/viewer-space.js";
+
+const OBJECT = "object";
+const OWN = "own";
+const SURFACES = { knot: "Knot", sphere: "Sphere", cylinder: "Cylinder", [OBJECT]: "Object as photographed", [OWN]: "Mesh of my own" };
+const KINDS = { obj: "model/obj", glb: "model/gltf-binary", gltf: "model/gltf+json" };
+/// The light of `rigd render` unless told otherwise, and the nearest a lamp comes to a mesh, in its radius.
+const LIGHT = unit([-0.3, 0.4, 1]);
+const IRRADIANCE = 6;
+const NEAREST = 1.2;
+/// No steeper than this above or below, radians: beyond, up and down change places.
+const STEEPEST = 1.55;
+const PIXELS_A_POINT = 2;
+/// A frame while something moves: slower ones get larger pixels, quicker ones smaller ones again; and how large they may become, each way.
+const [SLOW_MS, QUICK_MS, COARSEST] = [50, 20, 4];
+
+const seconds = (value) => (value < 0.5 ? `1/${Math.round(1 / value)} s` : `${+value.toPrecision(2)} s`);
+const coordinates = (v) => v.map((x) => +x.toPrecision(6)).join(",");
+
+/// A labelled control with what it stands at beside it.
+function field(text, control, told = "") {
+  return h("div", { className: "field" }, h("label", { for: control.id }, text, " ", told), control);
+}
+
+function select(id, options, change) {
+  const made = h("select", { id, onchange: () => change(made.value) }, Object.entries(options).map(([value, text]) => h("option", { value }, text)));
+  return made;
+}
+
+/// A slider over powers of two.
+function slider(id, least, most, value, change) {
+  const told = h("output", { for: id });
+  const control = h("input", { id, type: "range", min: least, max: most, step: 0.05, value, oninput: () => change(2 ** control.value) });
+  return { control, told };
+}
+
+class Viewer {
+  constructor(id, box) {
+    this.id = id;
+    this.path = `/v1/sessions/${id}`;
+    this.state = {
+      surface: "knot", show: "mixture", seconds: 2, held: "light", lamp: false, light: LIGHT, away: 3, irradiance: IRRADIANCE, eye: FROM, zoom: 1,
+      patch: 64, repeats: 2, station: null, comparing: 1, line: 0.5,
+    };
+    this.canvas = h("canvas", { tabIndex: 0, role: "application", "aria-label": "The material under the light", "aria-describedby": "viewer-keys" });
+    this.renderer = new Renderer(this.canvas);
+    this.moving = false;
+    this.coarse = 1;
+    this.box = box;
+  }
+
+  async open() {
+    const [material, curves] = await Promise.all([ask(`${this.path}/texture?patch=${this.state.patch}`).catch((error) => this.smaller(error)), ask(`${this.path}/response`)]);
+    this.material = material;
+    this.curves = curves;
+    await this.renderer.setMaterial(material);
+    this.renderer.setResponse(curves);
+    await this.take(this.state.surface);
+    this.build();
+    hands(this.canvas, { turn: this.turn.bind(this), zoom: this.zoomed.bind(this), rest: this.rest.bind(this), held: () => this.state.held });
+    this.watching = new ResizeObserver(() => this.draw());
+    this.watching.observe(this.canvas);
+    this.update();
+  }
+
+  /// Small objects have no square of 64 pixels: the daemon's refusal says so, and half as large a one may do.
+  async smaller(error) {
+    if (error.problem?.status !== 422 || this.state.patch <= 8) throw error;
+    this.state.patch /= 2;
+    return ask(`${this.path}/texture?patch=${this.state.patch}`).catch((again) => this.smaller(again));
+  }
+
+  /// Loads what the surface needs that is not there.
+  async take(surface) {
+    if (surface === OBJECT) {
+      if (!this.lights) {
+        const [{ lights }, maps] = await Promise.all([ask(`${this.path}/lights`), bytes(`${this.path}/surface`)]);
+        Object.assign(this, { lights, maps: readMaps(maps) });
+        this.renderer.setObject(this.maps);
+        this.middle = this.middleOf(this.maps.planes);
+      }
+      await this.photograph(this.state.station ?? 0);
+    } else if (surface !== OWN) {
+      this.mesh = readMesh(await bytes(`/v1/meshes/${surface}`));
+      this.renderer.setMesh(this.mesh);
+    }
+    this.state.surface = surface;
+  }
+
+  /// Mean of the points of the object that are seen, mm: a lamp turns about it.
+  middleOf(planes) {
+    const seen = [...planes["normal.Z"].keys()].filter((i) => planes["normal.Z"][i] !== 0);
+    return ["X", "Y", "Z"].map((axis) => seen.reduce((sum, i) => sum + planes[`position.${axis}`][i], 0) / seen.length);
+  }
+
+  async photograph(station) {
+    this.renderer.setPhotograph(readMaps(await bytes(`${this.path}/surface/${station}`)));
+    this.state.station = station;
+    const { position_mm, intensity, direction, irradiance } = this.lights[station];
+    this.real = position_mm ? { light: [...position_mm, 1], strength: intensity } : { light: [...direction, 0], strength: irradiance };
+    this.placed = this.real;
+  }
+
+  async ownMesh(file) {
+    const kind = KINDS[file.name.split(".").pop().toLowerCase()];
+    if (!kind) return say("A mesh has a name that ends in .obj, .gltf or .glb.");
+    const mesh = readMesh(await bytes("/v1/meshes", { method: "POST", headers: { "Content-Type": kind }, body: file }));
+    this.mesh = mesh;
+    this.renderer.setMesh(mesh);
+    Object.assign(this.state, { surface: OWN, eye: FROM, zoom: 1, show: this.onMesh(this.state.show) ? this.state.show : "mixture" });
+    this.own = file.name;
+    this.surfaces.value = OWN;
+    this.offer();
+    this.update();
+  }
+
+  get onObject() { return this.state.surface === OBJECT; }
+  onMesh(show) { return !/^(sigma|residual)/.test(show); }
+
+  /// What there is to see; on a mesh there is no residual, nor a standard error: they belong to points that were measured.
+  shows() {
+    const each = (key, words) => this.material.materials.map((_, m) => [`${key}-${m}`, words(m + 1)]);
+    return Object.fromEntries([
+      ["mixture", "All materials, as fitted"], ...each("weight", (m) => `Weight map of material ${m}`), ...each("alone", (m) => `Material ${m} alone`),
+      ["residual", "Residual of the fit"], ...each("sigma", (m) => `Standard error of weight ${m}`),
+    ]);
+  }
+
+  build() {
+    const { state } = this;
+    const set = (values) => {
+      Object.assign(state, values);
+      this.update();
+    };
+    const later = (work) => attempt(async () => {
+      say();
+      await work();
+      this.update();
+    });
+    this.surfaces = select("viewer-surface", SURFACES, (surface) => later(async () => {
+      if (surface === OWN) return this.file.click();
+      await this.take(surface);
+      Object.assign(state, { eye: FROM, zoom: 1 });
+      if (!this.onObject && !this.onMesh(state.show)) state.show = "mixture";
+      return this.offer();
+    }));
+    this.file = h("input", { id: "viewer-file", type: "file", accept: ".obj,.gltf,.glb", onchange: () => this.file.files[0] && later(() => this.ownMesh(this.file.files[0])) });
+    this.shown = select("viewer-show", this.shows(), (show) => set({ show }));
+    this.exposure = slider("viewer-exposure", -11, 6, 1, (value) => set({ seconds: value }));
+    this.brightness = slider("viewer-irradiance", -6, 9, Math.log2(IRRADIANCE), (value) => set({ irradiance: value }));
+    this.distance = slider("viewer-away", Math.log2(NEAREST), 4, Math.log2(state.away), (value) => set({ away: value }));
+    const kind = select("viewer-lamp", { distant: "distant", lamp: "lamp: falls off with 1/d²" }, (value) => set({ lamp: value === "lamp" }));
+    const held = select("viewer-held", { light: "the light", camera: "the camera" }, (value) => set({ held: value }));
+    const patch = select("viewer-patch", Object.fromEntries([16, 32, 64, 128].map((n) => [n, `${n} pixels`])), (value) => later(async () => {
+      try {
+        this.renderer.setTile(await ask(`${this.path}/texture?patch=${value}`));
+        state.patch = Number(value);
+      } finally {
+        patch.value = state.patch;
+      }
+    }));
+    patch.value = state.patch;
+    const repeats = h("input", { id: "viewer-repeats", type: "number", min: 1, max: 1000, step: 1, value: state.repeats, onchange: () => {
+      if (repeats.checkValidity() && repeats.value) set({ repeats: Number(repeats.value) });
+    } });
+    this.stations = h("select", { id: "viewer-station", onchange: () => later(() => this.photograph(Number(this.stations.value))) });
+    const compare = select("viewer-compare", { 1: "a line to draw across", 2: "side by side", 0: "the fitted one alone" }, (value) => set({ comparing: Number(value) }));
+    const line = h("input", { id: "viewer-line", type: "range", min: 0, max: 1, step: 0.01, value: state.line, oninput: () => set({ line: Number(line.value) }) });
+    const back = h("button", { type: "button", onclick: () => {
+      this.placed = this.real;
+      set({ light: LIGHT, eye: FROM, zoom: 1 });
+    } }, "Light and camera back");
+    this.legend = h("p", { className: "ramp", role: "status" });
+    this.command = h("code", {});
+    this.meshControls = h("div", {}, field("Light", kind), field("Irradiance in the middle", this.brightness.control, this.brightness.told),
+      this.away = field("Lamp's distance", this.distance.control, this.distance.told), field("Texture: square of", patch), field("Repeats", repeats),
+      h("details", {}, h("summary", {}, "The same by command"), h("p", {}, this.command)));
+    this.objectControls = h("div", {}, field("Light of the session", this.stations), field("Compare with what was measured", compare),
+      this.lineField = field("Line: measured left of it, fitted right", line));
+    this.box.replaceChildren(h("div", { className: "viewer" }, h("figure", {}, this.canvas, this.legend,
+      h("figcaption", { id: "viewer-keys" }, "Drag, or the arrow keys: the light. With Shift or the right button: the camera. + and −, two fingers, or Ctrl and the wheel: nearer and farther.")),
+      h("div", { className: "controls" }, field("On", this.surfaces), field("Open a mesh (.obj, .glb, .gltf)", this.file), field("Show", this.shown),
+        field("Exposure", this.exposure.control, this.exposure.told), this.through = h("p", { className: "small" }), field("Dragging turns", held),
+        this.meshControls, this.objectControls, h("p", {}, back))));
+    this.offer();
+  }
+
+  /// Which controls the surface has.
+  offer() {
+    this.surfaces.value = this.state.surface;
+    this.surfaces.querySelector(`[value="${OWN}"]`).textContent = this.own ?? SURFACES[OWN];
+    for (const option of this.shown.options) option.disabled = !this.onObject && !this.onMesh(option.value);
+    this.meshControls.hidden = this.onObject;
+    this.objectControls.hidden = !this.onObject;
+    if (this.onObject && !this.stations.options.length) this.stations.append(...this.lights.map((_, i) => h("option", { value: i }, `light ${i}`)));
+  }
+
+  turn(what, across, down) {
+    this.moving = true;
+    if (what === "camera" && this.onObject) return;
+    if (what === "camera") this.turnCamera(across, down);
+    else if (this.onObject) this.turnObjectLight(across, down);
+    else this.state.light = unit(this.dragged(this.state.light, axes(scale(this.state.eye, 3)), across, down));
+    this.update();
+  }
+
+  /// A direction moved as the hand moves in front of it.
+  dragged(v, { right, up }, across, down) {
+    return turned(turned(v, up, across), right, down);
+  }
+
+  turnCamera(across, down) {
+    const [x, y, z] = this.state.eye;
+    const steep = Math.max(-STEEPEST, Math.min(STEEPEST, Math.asin(y) + down));
+    const around = Math.atan2(x, z) - across;
+    this.state.eye = [Math.cos(steep) * Math.sin(around), Math.sin(steep), Math.cos(steep) * Math.cos(around)];
+  }
+
+  /// In the camera's frame, where y is down and z away: about the object, at the distance at which it stands.
+  turnObjectLight(across, down) {
+    const { light: [x, y, z, w], strength } = this.placed;
+    const from = w ? this.middle : [0, 0, 0];
+    const moved = this.dragged([x, y, z].map((c, i) => c - from[i]), { right: [1, 0, 0], up: [0, -1, 0] }, across, down);
+    this.placed = { light: [...moved.map((c, i) => c + from[i]), w], strength };
+  }
+
+  zoomed(factor) {
+    if (this.onObject) return;
+    this.moving = true;
+    this.state.zoom = Math.max(0.2, Math.min(5, this.state.zoom * factor));
+    this.update();
+  }
+
+  rest() {
+    this.moving = false;
+    this.update();
+  }
+
+  /// What is to be drawn at this size; renderer's units: the radius of the mesh, or mm.
+  scene(width, height) {
+    const { state } = this;
+    const [kind, index] = state.show.split("-");
+    const shown = { alone: kind === "alone" ? Number(index) : -1, showing: ["weight", "sigma", "residual"].includes(kind) ? kind : "radiance", weight: Number(index ?? 0), most: this.most(kind, index), seconds: state.seconds };
+    if (this.onObject) {
+      const comparing = kind === "mixture" && this.placed === this.real ? state.comparing : 0;
+      return { ...shown, ...this.placed, object: true, comparing, line: state.line };
+    }
+    const light = state.lamp ? [...scale(state.light, state.away), 1] : [...state.light, 0];
+    const strength = Array(3).fill(state.irradiance * (state.lamp ? state.away ** 2 : 1));
+    const eye = scale(state.eye, state.zoom * wholeDistance(width, height));
+    return { ...shown, light, strength, eye, middle: [0, 0, 0], field: FIELD, repeats: state.repeats, shadow: this.moving ? SHADOW.moving : SHADOW.standing };
+  }
+
+  /// The end of a map's scale: 1 for weights; what all but a twentieth of the points stay below, for errors.
+  most(kind, index) {
+    if (kind !== "sigma" && kind !== "residual") return 1;
+    const name = kind === "sigma" ? `sigma_${Number(index) + 1}` : "residual.G";
+    const values = this.maps.planes[name].filter((value) => value > 0 && Number.isFinite(value)).sort();
+    return values[Math.floor(0.95 * values.length)] || 1;
+  }
+
+  update() {
+    const { state } = this;
+    this.exposure.told.value = seconds(state.seconds);
+    this.brightness.told.value = state.irradiance.toPrecision(2);
+    this.distance.told.value = `${state.away.toPrecision(2)} radii`;
+    this.away.hidden = !state.lamp;
+    this.through.textContent = this.curves.calibration == null ? "Levels of sRGB: this session has no calibrated response." : `Through the response of calibration ${this.curves.calibration}.`;
+    this.shown.value = state.show;
+    if (this.onObject) this.stations.value = state.station;
+    this.lineField.hidden = state.comparing !== 1;
+    this.canvas.dataset.surface = state.surface;
+    this.draw();
+  }
+
+  /// What colours mean, and why nothing is compared.
+  describe({ showing, most }) {
+    const words = {
+      weight: "0 to 1", sigma: `0 to ${most.toPrecision(2)} and more; blue: not determined`,
+      residual: `0 to ${percent(most)} and more, mean of the channels`,
+    }[showing];
+    const moved = this.onObject && this.placed !== this.real ? "The light is not where it was: there is no photograph to compare with." : "";
+    this.legend.replaceChildren(...(words ? [h("span", { className: "colours" }), ` ${words}`] : [moved]));
+  }
+
+  /// What makes `rigd render` draw the same picture.
+  same(scene, width, height) {
+    const { middle, radius } = this.mesh;
+    const place = (v) => coordinates(v.map((x, i) => middle[i] + radius * x));
+    const light = scene.light[3] ? `--light-position=${place(scene.light.slice(0, 3))} --intensity=${+(scene.strength[0] * radius ** 2).toPrecision(6)}`
+      : `--light-direction=${coordinates(scene.light.slice(0, 3))} --irradiance=${+scene.strength[0].toPrecision(6)}`;
+    return `rigd render RESULT --out picture --mesh ${this.state.surface === OWN ? this.own : this.state.surface} --camera=${place(scene.eye)} --look-at=${place(scene.middle)} `
+      + `${light} --exposure ${+this.state.seconds.toPrecision(4)} --patch ${this.state.patch} --repeats ${this.state.repeats} --size ${width}x${height}`;
+  }
+
+  /// Draws what there is to be drawn, one frame after the other; changes in between make one more.
+  async draw() {
+    this.changed = true;
+    if (this.drawing) return;
+    this.drawing = true;
+    while (this.changed && !this.closed) {
+      this.changed = false;
+      await new Promise(requestAnimationFrame);
+      const start = performance.now();
+      this.frame();
+      await this.renderer.finished();
+      if (this.moving) this.keepUp(performance.now() - start);
+    }
+    this.drawing = false;
+  }
+
+  /// Pixels are made larger while something moves and a frame takes longer than a hand waits for; what stands is drawn in full.
+  keepUp(took) {
+    if (took > SLOW_MS) this.coarse = Math.min(COARSEST, this.coarse * 1.4);
+    else if (took < QUICK_MS) this.coarse = Math.max(1, this.coarse / 1.4);
+  }
+
+  frame() {
+    const points = Math.min(devicePixelRatio, PIXELS_A_POINT);
+    const [columns, rows] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(side * points));
+    const [width, height] = [columns, rows].map((side) => Math.round(side / (this.moving ? this.coarse : 1)));
+    if (!width || !height) return;
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+    const scene = this.scene(width, height);
+    this.renderer.draw(scene);
+    this.describe(scene);
+    if (!this.onObject) this.command.textContent = this.same(this.scene(columns, rows), columns, rows);
+  }
+
+  close() {
+    this.closed = true;
+    this.watching?.disconnect();
+    this.renderer.gl.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+}
+
+/// The view: `#/viewer/{session}`.
+export async function view(box, id) {
+  let viewer;
+  try {
+    viewer = new Viewer(id, box);
+  } catch (error) {
+    box.replaceChildren(h("p", { className: "warnings" }, error.message));
+    return () => {};
+  }
+  await attempt(() => viewer.open(), (reason) => box.replaceChildren(h("p", { className: "warnings" }, reason)));
+  return () => viewer.close();
+}
