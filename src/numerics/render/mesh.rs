@@ -199,6 +199,11 @@ impl Mesh {
         Ok(Self { dropped, middle, radius, extent: (high - low).max(), parts })
     }
 
+    /// Its vertices and triangles, those without area left out, with a normal a vertex.
+    pub fn parts(&self) -> &Parts {
+        &self.parts
+    }
+
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.parts.triangles.len()
