@@ -10,7 +10,7 @@ pub const FORMAT: Format = Format { name: "exr", about: "OpenEXR maps and JSON p
 fn make(captured: &Captured) -> Result<Export, String> {
     let files = vec![
         File { name: "maps.exr".to_owned(), content: maps(captured) },
-        File { name: "tile.exr".to_owned(), content: tile(captured) },
+        File { name: "tile.exr".to_owned(), content: captured.tile_planes() },
         File::text("parameters.json", format!("{:#}\n", parameters(captured))),
     ];
     let words = Words {
@@ -41,12 +41,6 @@ fn maps(captured: &Captured) -> Content {
         channels.push((format!("residual.{name}"), captured.residual.pixels.iter().map(|p| p[c]).collect()));
     }
     Content::Planes(captured.description.size, channels, "weights, standard errors, validity, residual of a fit")
-}
-
-fn tile(captured: &Captured) -> Content {
-    let channel = |m: usize| (format!("weight.{}", m + 1), captured.tile_weights(m));
-    let channels = (0..captured.materials.len()).map(channel).collect();
-    Content::Planes([captured.side(); 2], channels, "material weights of a tile without seams")
 }
 
 fn parameters(captured: &Captured) -> Value {

@@ -3,6 +3,10 @@
 
 pub mod exr;
 pub mod loss;
+pub mod merl;
+pub mod mitsuba;
+pub mod pbrt;
+mod ply;
 pub mod surface;
 mod words;
 
@@ -18,7 +22,7 @@ use surface::Surface;
 pub use words::sentence;
 
 /// Every format there is.
-pub const FORMATS: &[Format] = &[exr::FORMAT];
+pub const FORMATS: &[Format] = &[exr::FORMAT, mitsuba::FORMAT, pbrt::FORMAT, merl::FORMAT];
 
 /// Their names.
 pub fn names() -> Vec<&'static str> {
@@ -149,6 +153,18 @@ impl Captured {
     /// The tile's weights of material `m` (from 0), row by row.
     pub fn tile_weights(&self, m: usize) -> Vec<f32> {
         self.tile.texels().weights.iter().map(|texel| texel[m]).collect()
+    }
+
+    /// The tile's weights as one OpenEXR picture, weight.1 ... a material.
+    pub fn tile_planes(&self) -> Content {
+        let channel = |m: usize| (format!("weight.{}", m + 1), self.tile_weights(m));
+        let channels = (0..self.materials.len()).map(channel).collect();
+        Content::Planes([self.side(); 2], channels, "material weights of a tile without seams")
+    }
+
+    /// A map of the tile's size as an OpenEXR picture of one channel, Y, for readers that know no other names.
+    pub fn tile_map(&self, pixels: Vec<f32>, about: &'static str) -> Content {
+        Content::Planes([self.side(); 2], vec![("Y".to_owned(), pixels)], about)
     }
 
     /// Texels a side of the tile.

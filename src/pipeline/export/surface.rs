@@ -1,8 +1,18 @@
 //! A shape that wears the texture, in single precision as files hold it.
 
 use crate::numerics::geometry::Vec3;
+use crate::numerics::render::camera::View;
 use crate::numerics::render::mesh::Mesh;
 use crate::numerics::render::shapes;
+
+/// Vertical field of view of scenes, degrees; with the light below it what `rigd render` takes unless told otherwise.
+pub const FIELD_DEG: f64 = 30.0;
+/// Towards the distant light of scenes, of any length.
+pub const TO_LIGHT: [f64; 3] = [-0.3, 0.4, 1.0];
+/// Its irradiance on a surface that faces it, radiance units.
+pub const IRRADIANCE: f64 = 6.0;
+/// Pixels a side of the picture of scenes.
+pub const PIXELS: usize = 512;
 
 /// A closed surface of triangles with texture coordinates; right-handed, y up, about the origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +25,8 @@ pub struct Surface {
     pub uv: Vec<[f32; 2]>,
     /// Corners by vertex from 0, anticlockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// A view of the whole in a square picture.
+    pub view: View,
 }
 
 impl Surface {
@@ -34,6 +46,7 @@ impl Surface {
             normals: parts.normals.iter().map(single).collect(),
             uv: parts.uv.iter().map(|uv| uv.map(|t| (f64::from(repeats) * t) as f32)).collect(),
             triangles: parts.triangles.iter().map(outward).collect(),
+            view: View::of(&mesh, FIELD_DEG, (1, 1)),
         })
     }
 }

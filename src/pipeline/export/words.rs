@@ -38,6 +38,11 @@ fn percent(part: f64) -> String {
     }
 }
 
+/// Text of unknown origin as a comment of a scene may hold it: one line, without what would end the comment.
+pub(super) fn comment(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control() && !"<>&-".contains(*c)).collect()
+}
+
 /// README.txt.
 pub(super) fn readme(captured: &Captured, format: &Format, loss: Option<&Loss>, words: &Words) -> String {
     let Captured { description, patch, .. } = captured;
