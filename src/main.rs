@@ -2,8 +2,8 @@
 
 use clap::{Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, fit, history, index, logging, merge, notify, queue, relight, render,
-    retention, safe, serve, session, simulate, study, verify,
+    bench, calibrate, config, demo, doctor, error, export, fit, history, index, logging, merge, notify, queue, relight,
+    render, retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -25,6 +25,7 @@ enum Command {
     Fit(fit::Args),
     Relight(relight::Args),
     Render(render::Args),
+    Export(export::Args),
     Merge(merge::Args),
     Verify(verify::Args),
     Retention(retention::Args),
@@ -66,6 +67,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Relight(args) => relight::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Merge(args) => merge::run(args),
         Command::Verify(args) => verify::run(&args),
         Command::Retention(args) => retention::run(&args),

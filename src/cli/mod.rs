@@ -6,6 +6,7 @@ pub mod daemon;
 pub mod demo;
 pub mod doctor;
 pub mod error;
+pub mod export;
 pub mod fit;
 pub mod history;
 pub mod index;

@@ -7,7 +7,7 @@ pub use arguments::Args;
 
 use super::error::{bad_input, print_line};
 use crate::numerics::brdf;
-use crate::numerics::image::RadianceImage;
+use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::render::camera::{Camera, View};
 use crate::numerics::render::mesh::Mesh;
 use crate::numerics::render::patch::Patch;
@@ -17,7 +17,6 @@ use crate::numerics::render::{Picture, Scene, render, shapes};
 use crate::pipeline::render::exposed;
 use crate::store::files::{self, shown};
 use crate::store::mesh::{self, StoredMesh};
-use crate::store::result::StoredMaterial;
 use crate::store::{exr, png, result};
 use response::Found;
 use std::fmt::Display;
@@ -29,7 +28,8 @@ const FILES: [&str; 2] = ["render.exr", "render.png"];
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let stored = result::read_material(&args.result).map_err(bad_input)?;
-    let (tile, patch) = tile(args, &stored)?;
+    let sigma = result::read_sigma(&args.result, &stored.material).map_err(bad_input)?;
+    let (tile, patch) = tile(&args.result, args.patch, &stored.weights, &sigma)?;
     let StoredMesh { mesh, files: mesh_files } = read_mesh(&args.mesh)?;
     let found = response::find(args.response.as_deref(), &args.result).map_err(bad_input)?;
     let camera = camera(args, &mesh)?;
@@ -60,10 +60,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// The texture, and where in the weight map it comes from.
-fn tile(args: &Args, stored: &StoredMaterial) -> anyhow::Result<(Tile, Patch)> {
-    let sigma = result::read_sigma(&args.result, &stored.material).map_err(bad_input)?;
-    Tile::cut(&stored.weights, &sigma, usize::from(args.patch)).map_err(|error| {
-        let path = shown(&args.result.join("weights.exr"));
+pub(super) fn tile(
+    result: &Path,
+    side: u16,
+    weights: &[Image<f32>],
+    sigma: &[Image<f32>],
+) -> anyhow::Result<(Tile, Patch)> {
+    Tile::cut(weights, sigma, usize::from(side)).map_err(|error| {
+        let path = shown(&result.join("weights.exr"));
         bad_input(format!("{path}: {error}: give a smaller --patch; a quarter of it is needed for its seams as well"))
     })
 }

@@ -4,6 +4,7 @@ pub mod contain;
 pub mod dataset;
 pub mod decode;
 pub mod develop;
+pub mod export;
 pub mod fine;
 pub mod fit;
 pub mod identify;

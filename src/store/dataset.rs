@@ -7,6 +7,7 @@ mod picture;
 mod raw;
 
 pub use paths::inputs;
+pub(super) use picture::read_mask;
 
 use super::files::{self, shown};
 use super::{Disk, exr, keep};

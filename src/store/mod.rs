@@ -25,6 +25,7 @@
 pub mod clock;
 pub mod dataset;
 pub mod disk;
+pub mod export;
 pub mod exr;
 pub mod files;
 pub mod frames;

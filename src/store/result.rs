@@ -1,7 +1,8 @@
 //! Result directories (docs/dataset.md): report.json, material.json, weights.exr, valid.png, residual.exr, preview.png, and
 //! beside them weights_sigma.exr with the standard error of every weight.
 
-use super::exr::{Planes, read_planes, write_planes};
+use super::dataset;
+use super::exr::{self, Planes, read_planes, write_planes};
 use super::files::{self, Unfinished, shown};
 use super::png;
 use crate::numerics::brdf;
@@ -167,6 +168,31 @@ pub fn sigma_file(directory: &Path) -> PathBuf {
 /// The file is missing, damaged, or of another material.
 pub fn read_sigma(directory: &Path, material: &MaterialFile) -> Result<Vec<Image<f32>>, ResultError> {
     read_maps(&sigma_file(directory), material)
+}
+
+/// What a fit says of every pixel beside the weights.
+pub struct FitMaps {
+    /// Where it used samples.
+    pub valid: Image<bool>,
+    /// Mean over lights of |I - model| / I per channel.
+    pub residual: Image<[f32; 3]>,
+}
+
+/// Reads valid.png and residual.exr of a result directory.
+///
+/// # Errors
+/// A file is missing, damaged, or of another size than the weight map.
+pub fn read_maps_of_fit(directory: &Path, material: &MaterialFile) -> Result<FitMaps, ResultError> {
+    let [width, height] = material.size;
+    let residual = directory.join("residual.exr");
+    let residual =
+        exr::read_vectors(&residual, (width, height)).map_err(|e| ResultError { path: e.path, reason: e.reason })?;
+    let path = directory.join("valid.png");
+    let valid = dataset::read_mask(&path, (width, height)).map_err(|reason| {
+        // It names the file, as this error does.
+        error(&path, reason.strip_prefix(&format!("{}: ", shown(&path))).unwrap_or(&reason))
+    })?;
+    Ok(FitMaps { valid, residual })
 }
 
 /// One map a material, in the order of the materials.

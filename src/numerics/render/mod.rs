@@ -79,9 +79,27 @@ fn pixel(scene: &Scene<'_>, camera: &Camera, samples: usize, x: usize, y: usize)
     (sum.map(|s| (s / (samples * samples) as f64) as f32), seen)
 }
 
+/// A lit point of the surface, as a ray of sight sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Lit {
+    /// The point.
+    pub met: Met,
+    /// Under which angles it is lit and seen.
+    pub angles: Angles,
+    /// Irradiance on a surface that faces the light, per channel.
+    pub irradiance: [f64; 3],
+}
+
 impl Scene<'_> {
     /// Radiance that comes against a ray of unit direction; none where it meets nothing.
     pub fn radiance(&self, ray: &Ray) -> Option<[f64; 3]> {
+        let Some(lit) = self.lit(ray)? else { return Some([0.0; 3]) };
+        let brdf = self.brdf(&lit);
+        Some(std::array::from_fn(|c| lit.irradiance[c] * lit.angles.cos_i * brdf[c]))
+    }
+
+    /// Where a ray meets the surface: none where it meets nothing, none in it where no light arrives.
+    pub fn lit(&self, ray: &Ray) -> Option<Option<Lit>> {
         let hit = self.tree.nearest(ray)?;
         let met = self.mesh.at(&hit, &ray.direction);
         let (to_light, irradiance) = self.light.at(&met.position);
@@ -89,16 +107,21 @@ impl Scene<'_> {
         // Not a number where the light stands in the surface: nothing arrives there either.
         let faces = angles.cos_i > 0.0 && angles.cos_r > 0.0 && met.face_normal.dot(&to_light) > 0.0;
         if !faces || self.is_shadowed(&met.position, &to_light, hit.triangle) {
-            return Some([0.0; 3]);
+            return Some(None);
         }
+        Some(Some(Lit { met, angles, irradiance }))
+    }
+
+    /// BRDF of a lit point per channel, 1/sr: that of the materials by their weights there.
+    pub fn brdf(&self, lit: &Lit) -> [f64; 3] {
         let mut sum = [0.0; 3];
-        for (material, weight) in self.materials.iter().zip(self.weights(&met)) {
-            let brdf = material.brdf(self.lobe, &angles);
+        for (material, weight) in self.materials.iter().zip(self.weights(&lit.met)) {
+            let brdf = material.brdf(self.lobe, &lit.angles);
             for c in 0..3 {
-                sum[c] += weight * irradiance[c] * angles.cos_i * brdf[c];
+                sum[c] += weight * brdf[c];
             }
         }
-        Some(sum)
+        sum
     }
 
     fn is_shadowed(&self, point: &Vec3, to_light: &Vec3, triangle: usize) -> bool {

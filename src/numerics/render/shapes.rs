@@ -14,6 +14,11 @@ pub fn by_name(name: &str) -> Option<Parts> {
     }
 }
 
+/// A mesh by its name, with texture coordinates: the ball has them by longitude and latitude, where they run together at its poles.
+pub fn textured(name: &str) -> Option<Parts> {
+    if name == "sphere" { Some(globe()) } else { by_name(name) }
+}
+
 /// Their names.
 pub const NAMES: [&str; 3] = ["sphere", "cylinder", "knot"];
 
@@ -55,6 +60,17 @@ pub fn sphere(side: usize) -> Parts {
         });
     }
     parts.uv.clear();
+    parts
+}
+
+/// A ball of radius 1 by longitude and latitude: two units of texture go around, one from pole to pole.
+fn globe() -> Parts {
+    let mut parts = Parts::default();
+    sheet(&mut parts, 144, 72, |s, t| {
+        let ((sin, cos), (across, up)) = ((TAU * s).sin_cos(), (PI * t).sin_cos());
+        let normal = Vec3::new(across * sin, up, across * cos);
+        (normal, normal, [2.0 * s, t])
+    });
     parts
 }
 

@@ -58,6 +58,11 @@ impl Tile {
         Self { texels: seam::closed(texels, side) }
     }
 
+    /// A texture that repeats without a seam already, of as many columns as rows.
+    pub fn seamless(texels: Texels) -> Self {
+        Self { texels }
+    }
+
     /// Its texels.
     pub fn texels(&self) -> &Texels {
         &self.texels

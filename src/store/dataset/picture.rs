@@ -75,7 +75,7 @@ pub(super) fn read_integer(path: &Path, size: (usize, usize), saturation: f64) -
 }
 
 /// A mask: true where any channel is not zero.
-pub(super) fn read_mask(path: &Path, size: (usize, usize)) -> Result<Image<bool>, String> {
+pub(in crate::store) fn read_mask(path: &Path, size: (usize, usize)) -> Result<Image<bool>, String> {
     let decoded = open(path, size, MASK)?;
     let pixels: Vec<bool> = decoded.to_rgb32f().pixels().map(|p| p.0.iter().any(|&v| v > 0.0)).collect();
     if !pixels.contains(&true) {
