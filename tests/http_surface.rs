@@ -58,10 +58,12 @@ fn every_refusal_is_a_problem() {
         assert_problem(&answer, *status, target.split('?').next().unwrap());
         assert_eq!(answer.header("allow").is_some(), *status == 405, "{target}: Allow");
     }
-    for rest in ["/plan", "/events", "/frames", "/frames/000-00.jpg", "/material", "/result/preview.png"] {
+    for rest in
+        ["/fit", "/verify", "/plan", "/events", "/frames", "/frames/000-00.jpg", "/material", "/result/preview.png"]
+    {
         assert_problem(&daemon.get(&format!("{nobody}{rest}")), 404, &format!("{nobody}{rest}"));
     }
-    for verb in ["pause", "resume", "stop", "abort"] {
+    for verb in ["pause", "resume", "stop", "abort", "verify"] {
         let path = format!("{nobody}/{verb}");
         assert_problem(&daemon.call("POST", &path, &[], ""), 404, &path);
     }

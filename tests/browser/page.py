@@ -4,90 +4,19 @@ became of them, a daemon that dies, tokens; looks at every view with axe, with t
 
 usage: page.py RIGD PICTURES      exit status 0 when every check holds
 """
-import io, os, re, shutil, sys, tempfile, time
+import os, re, shutil, sys, tempfile, time
 from pathlib import Path
 
-from axe_playwright_python.sync_playwright import Axe
-from PIL import Image
 from playwright.sync_api import expect, sync_playwright
 
+import material
+from common import LONG, LOOKS, Browser, check, judged, until
 from rigs import Arm, Daemon, replayed, shipped, slower
 
 RIGD, PICTURES = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "results": "results", "health": "health"}
-PHONE, DESKTOP = {"width": 390, "height": 844}, {"width": 1280, "height": 800}
-LOOKS = {"phone": (PHONE, "dark"), "desktop": (DESKTOP, "light")}
-KILOBYTES, PAINT_MS, PICTURE_BYTES = 100, 1000, 150_000
-LONG = 120_000      # ms, for what the rig takes its time for
-expect.set_options(timeout=20_000)      # the page looks every 5 s
-
-REACHABLE = """() => [...document.querySelectorAll('a[href], button, input, select, textarea, [tabindex]')]
-    .filter(e => !e.disabled && e.tabIndex >= 0 && e.checkVisibility() && !e.closest('dialog:not([open])')).length"""
-AT = "() => { const e = document.activeElement; e.dataset.reached = 1; return document.querySelectorAll('[data-reached]').length }"
-
-
-def check(name, holds, detail=""):
-    print(("ok    " if holds else "FAIL  ") + name + (f"   [{detail}]" if detail and not holds else ""), flush=True)
-    if not holds:
-        check.failed += 1
-
-
-check.failed = 0
-
-
-def until(page, holds):
-    """Waits until a script says so; Playwright's own way is eval in the page, which its Content-Security-Policy forbids."""
-    end = time.monotonic() + LONG / 1000
-    while not page.evaluate(holds):
-        assert time.monotonic() < end, f"waited in vain for {holds}"
-        time.sleep(0.1)
-
-
-class Browser:
-    """A page in a window of its own; whatever its console complains of is kept."""
-
-    def __init__(self, chromium, url, look):
-        size, scheme = LOOKS[look]
-        self.context = chromium.new_context(viewport=size, color_scheme=scheme, locale="en-GB", reduced_motion="reduce")
-        self.page, self.url, self.look, self.complaints = self.context.new_page(), url, look, []
-        self.page.set_default_timeout(20_000)
-        # A browser writes every answer of 400 and above and every lost connection on its console; those are told by the page as well.
-        noise = re.compile("Failed to load resource|net::ERR_")
-        self.page.on("console", lambda m: m.type in ("error", "warning") and not noise.search(m.text) and self.complaints.append(m.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("request", lambda r: r.url.startswith((url, "blob:" + url)) or self.complaints.append("asked " + r.url))
-
-    def open(self, view):
-        self.page.goto(f"{self.url}/#/{view}")
-        expect(self.page.locator("#view h2").first).to_be_visible()
-        return self.page
-
-    def picture(self, name):
-        path = PICTURES / f"page-{name}-{self.look}.png"
-        self.page.evaluate("scrollTo(0, 0)")
-        shot = Image.open(io.BytesIO(self.page.screenshot(animations="disabled")))
-        shot.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
-        check(f"picture {path.name} is small", path.stat().st_size < PICTURE_BYTES, path.stat().st_size)
-
-    def quiet(self, what):
-        check(f"{what}: no complaint on the console", not self.complaints, self.complaints)
-        self.context.close()
-
-
-def judged(browser, name):
-    """axe, the tab key and the width of one view as it stands."""
-    page = browser.page
-    found = [v for v in Axe().run(page).response["violations"] if v["impact"] in ("serious", "critical")]
-    check(f"{name}, {browser.look}: axe finds nothing serious", not found, [(v["id"], v["nodes"][0]["html"][:120]) for v in found])
-    check(f"{name}, {browser.look}: nothing is wider than the window", page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
-    wanted, reached = page.evaluate(REACHABLE), 0
-    page.evaluate("document.activeElement.blur()")
-    for _ in range(wanted + 5):
-        page.keyboard.press("Tab")
-        reached = page.evaluate(AT)
-        if reached > wanted:
-            break
-    check(f"{name}, {browser.look}: the tab key reaches all", reached >= wanted, f"{reached} of {wanted}")
+VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "fit": "fit", "results": "results",
+         "history": "history", "compare": "compare", "health": "health", "settings": "settings"}
+KILOBYTES, PAINT_MS = 1500, 1000     # as they are sent: nothing is compressed
 
 
 def is_light(chromium, url):
@@ -126,6 +55,7 @@ def is_planned_and_shot(chromium, daemon):
     expect(page.get_by_role("heading", name="marble ball")).to_be_visible()
     expect(page.locator(".light-dome .active")).to_be_visible(timeout=LONG)
     expect(page.locator(".light-dome .done").nth(2)).to_be_visible(timeout=LONG)
+    material.frames_are_shown_soon(page, daemon)
     phone.open("")
     expect(phone.page.locator(".light-dome .active")).to_be_visible()
     for browser in (main, phone):
@@ -223,7 +153,11 @@ def every_view_serves_everyone(chromium, daemon):
             browser.page.wait_for_timeout(800)
             if name == "health":
                 expect(browser.page.get_by_text("Ready: a session could start now.")).to_be_visible()
+                expect(browser.page.locator(".log li").filter(has_text="frame.committed").first).to_be_attached()
                 browser.picture("health")
+            if name == "settings":
+                expect(browser.page.get_by_text("plan.stations_deg")).to_be_visible()
+                browser.picture("settings")
             judged(browser, name)
             browser.quiet(f"{name}, {look}")
 
@@ -297,6 +231,10 @@ def tokens_are_asked_for(chromium, folder):
         expect(browser.page.get_by_role("heading", name="No session yet")).to_be_visible()
         browser.open("new")
         expect(browser.page.get_by_text("this token may only read")).to_be_visible()
+        browser.open("settings")
+        expect(browser.page.get_by_role("row", name="2 control")).to_be_visible()
+        text = browser.page.content()
+        check("the settings show no token", read not in text and control not in text)
         browser.open("health")
         browser.page.get_by_role("button", name="Forget it").click()
         browser.page.get_by_label("This daemon wants a token").fill(control)
@@ -313,6 +251,7 @@ def main():
         print("SKIPPED: no Chromium is installed (apt install chromium)")
         return 0
     PICTURES.mkdir(parents=True, exist_ok=True)
+    Browser.pictures = PICTURES
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         folder = Path(folder)
         chromium = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"] if os.geteuid() == 0 else [])
@@ -320,7 +259,10 @@ def main():
             is_light(chromium, daemon.url)
             is_planned_and_shot(chromium, daemon)
             frames = folder / "sound" / "data" / "sessions" / daemon.session()["id"] / "frames"
+            material.is_fitted_again(chromium, daemon)
+            material.is_verified_and_compared(chromium, daemon)
             every_view_serves_everyone(chromium, daemon)
+            material.other_colours_serve_as_well(chromium, daemon, VIEWS)
             is_queued(chromium, daemon)
             is_stopped(chromium, daemon)
             stop_outlasts_the_daemon(chromium, daemon)
