@@ -1,15 +1,17 @@
 //! Results are the same to the bit at any number of threads.
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs)]
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rigd::numerics::brdf::{Material, ward::Ward};
 use rigd::numerics::fit::objective::Objective;
 use rigd::numerics::fit::observations::{Observations, Sample};
 use rigd::numerics::fit::predict;
-use rigd::numerics::fit::solver::{SOLVERS, Solution, Task};
+use rigd::numerics::fit::solver::{Iterate, SOLVERS, Solution, Task};
 use rigd::numerics::fit::unknowns::Colour;
 use rigd::numerics::fit::weights::WeightRule;
 use rigd::numerics::geometry::{Angles, Vec3};
+use rigd::pipeline::fit::{FitOptions, FitProgress, FitStep};
+use rigd::pipeline::judged::fit_observations;
 use std::ops::ControlFlow;
 
 /// Points of a ball mixed of two materials, 2 % noise: four chunks of points, for two can be summed in one order only.
@@ -66,7 +68,7 @@ fn one_two_or_three_threads() {
             let task = Task { lobe: &Ward, objective, materials: 2, colour: Colour::Coloured, rule: WeightRule::Exact };
             let run = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let go_on = &mut |_: usize, _: f64| ControlFlow::Continue(());
+                let go_on = &mut |_: Iterate<'_>| ControlFlow::Continue(());
                 let solution = pool.install(|| solver.solve(&observations, &task, go_on).unwrap());
                 bits(&solution)
             };
@@ -75,5 +77,45 @@ fn one_two_or_three_threads() {
                 assert!(run(threads) == one, "{} {} at {threads} threads", solver.name(), objective.name());
             }
         }
+    }
+}
+
+/// Who asks for everything a fit can tell, maps of every iteration included, gets the same fit as who hears of nothing.
+#[test]
+fn whether_anybody_looks_on_or_not() {
+    let observations = ball(400);
+    for solver in SOLVERS {
+        let options = FitOptions {
+            solver: solver.name().to_owned(),
+            materials: Some(2),
+            model: "ward".to_owned(),
+            lobe: "coloured".to_owned(),
+            gains: "off".to_owned(),
+            ..FitOptions::default()
+        };
+        let alone = fit_observations(&observations, &options, &mut |_| ControlFlow::Continue(())).unwrap();
+        let (mut steps, mut numbers, mut maps, mut tried) = (Vec::new(), Vec::new(), 0, 0);
+        let mut look = |event: FitProgress<'_>| {
+            match event {
+                FitProgress::Step(step) => steps.push(step),
+                FitProgress::Tried(..) => tried += 1,
+                FitProgress::Iteration(at, map_it) => {
+                    assert!(at.cost.is_finite() && at.rms.is_finite() && at.points > 0);
+                    numbers.push(at.iteration);
+                    maps += usize::from(map_it(20).is_some());
+                }
+                FitProgress::Judged(_, map_it) => maps += usize::from(map_it(20).is_some()),
+                FitProgress::Observed { .. } => panic!("these observations were gathered here"),
+            }
+            ControlFlow::Continue(())
+        };
+        let watched = fit_observations(&observations, &options, &mut look).unwrap();
+        let name = solver.name();
+        assert!(bits(&alone.solution) == bits(&watched.solution), "{name}");
+        assert_eq!((&alone.materials, &alone.warnings), (&watched.materials, &watched.warnings), "{name}");
+        assert_eq!(alone.reduced_chi2.to_bits(), watched.reduced_chi2.to_bits(), "{name}");
+        assert_eq!(steps, [FitStep::Choose, FitStep::Fit, FitStep::Uncertainty], "{name}");
+        assert_eq!((maps, tried), (numbers.len() + 1, watched.candidates.len()), "{name}");
+        assert!(numbers.is_sorted() && *numbers.last().unwrap() <= watched.solution.iterations, "{name}: {numbers:?}");
     }
 }

@@ -230,7 +230,13 @@ fn no_token_is_seen_in_logs_errors_or_files() {
     }
     std::fs::remove_file(&file).unwrap();
     run(Some(CONTROL), &["start"], 0);
-    for (method, path) in [("GET", "/v1/rig"), ("POST", "/v1/sessions"), ("BREW", "/nowhere")] {
+    for (method, path) in [
+        ("GET", "/v1/rig"),
+        ("GET", "/v1/settings"),
+        ("GET", "/v1/log?lines=500"),
+        ("POST", "/v1/sessions"),
+        ("BREW", "/nowhere"),
+    ] {
         for token in [READ, CONTROL, WRONG] {
             seen += &call(&daemon, method, path, Some(token)).text;
         }

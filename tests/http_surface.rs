@@ -66,6 +66,8 @@ fn every_refusal_is_a_problem() {
         assert_eq!(answer.header("allow").is_some(), *status == 405, "{target}: Allow");
     }
     for rest in [
+        "/fit",
+        "/verify",
         "/plan",
         "/events",
         "/frames",
@@ -80,7 +82,7 @@ fn every_refusal_is_a_problem() {
     ] {
         assert_problem(&daemon.get(&format!("{nobody}{rest}")), 404, &format!("{nobody}{rest}"));
     }
-    for verb in ["pause", "resume", "stop", "abort"] {
+    for verb in ["pause", "resume", "stop", "abort", "verify"] {
         let path = format!("{nobody}/{verb}");
         assert_problem(&daemon.call("POST", &path, &[], ""), 404, &path);
     }

@@ -96,6 +96,7 @@ fn a_session_outlives_its_client_and_who_reconnects_misses_no_event() {
         "weights.exr",
         "weights_sigma.exr",
         "valid.png",
+        "residual.png",
         "residual.exr",
         "preview.png",
     ];

@@ -113,7 +113,7 @@ export function dashboard(view) {
     if (!session) return;
     // What keeps the rig from working stands above already.
     const reason = rig.status?.reasons.includes(session.reason) ? "" : session.reason ?? "";
-    const links = [h("a", { href: `#/frames/${session.id}` }, "Frames"), h("a", { href: `#/results/${session.id}` }, "Result")];
+    const links = [h("a", { href: `#/frames/${session.id}` }, "Frames"), h("a", { href: `#/fit/${session.id}` }, "Fit"), h("a", { href: `#/results/${session.id}` }, "Result")];
     const advice = session.state === "interrupted" ? h("p", {}, "Put right what is wrong, then Resume goes on with the stations that are missing.") : "";
     fill(parts.head, h("h2", {}, session.name, " ", badge(session.state)), reason && h("p", { className: "reason" }, reason), advice,
       h("p", { className: "verbs" }, links, ended(session) ? [h("a", { href: "#/new", className: "action" }, "New session")] : []));

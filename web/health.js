@@ -1,7 +1,7 @@
 // Whether the rig could work now, and what it is made of.
 import { ask, attempt, token, useToken } from "/api.js";
 import { rig } from "/rig.js";
-import { badge, facts, fill, h, list, when } from "/show.js";
+import { badge, clock, facts, fill, h, list, when } from "/show.js";
 
 /// OpenMetrics text as rows: name with labels, value, meaning.
 function metrics(text) {
@@ -34,10 +34,29 @@ function access() {
     h("button", { type: "button", onclick: () => useToken(null) }, "Forget it"));
 }
 
+const LINES = 200;
+
+/// The daemon's last log lines, newest below; what is new is appended.
+function log() {
+  const lines = h("ol", { className: "log" });
+  const box = h("div", { className: "scroll tail", role: "region", tabIndex: 0, "aria-label": "Log" }, lines);
+  let last = 0;
+  const look = async () => {
+    const page = await ask(`/v1/log?lines=${LINES}&after=${last}`);
+    if (!page.lines.length) return;
+    last = page.lines.at(-1).seq;
+    lines.append(...page.lines.map((one) => h("li", { className: one.level.toLowerCase() }, h("time", { dateTime: one.time }, clock(one.time)), ` ${one.level} ${one.text} `, h("small", {}, one.target))));
+    while (lines.children.length > LINES) lines.firstChild.remove();
+    box.scrollTop = box.scrollHeight;
+  };
+  return { box, look };
+}
+
 export function health(view) {
+  const tail = log();
   const parts = ["ready", "devices", "calibrations", "metrics"].map((name) => [name, h("div", {})]);
   const { ready, devices: made, calibrations, metrics: counted } = Object.fromEntries(parts);
-  view.append(h("h2", {}, "Health"), ready, h("h3", {}, "Devices"), made, calibrations, h("h3", {}, "Token"), access(), h("h3", {}, "Metrics"), h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Metrics" }, counted));
+  view.append(h("h2", {}, "Health"), ready, h("h3", {}, "Devices"), made, calibrations, h("h3", {}, "Token"), access(), h("h3", {}, "Log"), tail.box, h("h3", {}, "Metrics"), h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Metrics" }, counted));
 
   const update = () => {
     const { status } = rig;
@@ -46,7 +65,10 @@ export function health(view) {
     fill(made, devices(status));
     fill(calibrations, list("Calibrations", rig.calibrations.slice(0, 5).map((one) => h("span", {}, `${one.version} (${one.kind}) of ${when(one.started)} `, badge(one.state)))));
   };
-  const look = () => attempt(async () => fill(counted, table(metrics(await ask("/metrics")))));
+  const look = () => attempt(async () => {
+    fill(counted, table(metrics(await ask("/metrics"))));
+    await tail.look();
+  });
   look();
   return { update, look };
 }

@@ -2,7 +2,7 @@
 import { ask, blob, link } from "/api.js";
 import { count, facts, h, list, percent } from "/show.js";
 
-const FILES = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
+export const FILES = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "residual.png", "preview.png"];
 
 const orNot = (x, why) => (x == null ? `none: ${why}` : percent(x));
 
@@ -20,14 +20,14 @@ function errors(report) {
   ]);
 }
 
-function rows(material) {
+export function rows(material) {
   const channels = (name, list) => list.map((p, i) => [`${name} ${["red", "green", "blue"][i]}`, p]);
   const roughness = material.beta ? [["roughness β", material.beta]] : [];
   return [...channels("diffuse ρd", material.rho_d), ...channels("specular ρs", material.rho_s), ...roughness];
 }
 
 /// Value with its standard error, and a note; the value of a parameter that the data do not determine would pass for a measurement.
-function shown({ value, standard_error, identified, reason }) {
+export function shown({ value, standard_error, identified, reason }) {
   if (identified === "unidentified") return ["not determined", reason ?? ""];
   const note = identified === "weak" ? `weak: ${reason ?? ""}` : "";
   if (standard_error == null) return [value.toPrecision(4), note];

@@ -1,19 +1,24 @@
 // The page shows what the daemon says and remembers nothing: views by hash, what stands above all of them, and the looking again.
 import { announce, attempt, line, say, useToken } from "/api.js";
+import { compare } from "/compare.js";
 import { dashboard } from "/dashboard.js";
 import { frames } from "/frames.js";
 import { health } from "/health.js";
+import { history } from "/history.js";
+import { live } from "/live.js";
 import { plan } from "/plan.js";
 import { queue } from "/queue.js";
 import { results, viewer } from "/results.js";
 import { ended, listen, look, rig, running } from "/rig.js";
 import { run, watch } from "/run.js";
+import { settings } from "/settings.js";
 import { $, h, state } from "/show.js";
 import { armStop, showCalibration, showStop } from "/verbs.js";
 
 const VIEWS = {
   "": ["Dashboard", dashboard], new: ["New session", plan], queue: ["Queue", queue],
-  frames: ["Frames", frames], results: ["Results", results], health: ["Health", health],
+  frames: ["Frames", frames], fit: ["Fit", live], results: ["Results", results], history: ["History", history], compare: ["Compare", compare],
+  health: ["Health", health], settings: ["Settings", settings],
   viewer: ["Viewer", viewer, "Results"],      // the third: reached from there, not by a link of its own
 };
 const LOOK_MS = 5000;
@@ -24,12 +29,12 @@ $("views").append(...Object.entries(VIEWS).filter(([, [, , under]]) => !under).m
 
 /// Opens the view that the address names.
 function open() {
-  const [, key = "", arg] = location.hash.split("/");
+  const [, key = "", ...args] = location.hash.split("/");
   const [title, make, under = title] = VIEWS[key] ?? VIEWS[""];
   view.close?.();
   say();
   $("view").replaceChildren();
-  view = make($("view"), arg || undefined);
+  view = make($("view"), ...args.map((arg) => arg || undefined));
   for (const link of $("views").querySelectorAll("a")) {
     if (link.textContent === under) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");

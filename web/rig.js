@@ -9,7 +9,7 @@ export const rig = { status: null, sessions: [], next: null, calibrations: [], r
 
 const listeners = [];
 let told = false;
-/// Calls `listener` after every change, no more than five times a second.
+/// Calls `listener` after every change, no more than ten times a second.
 export const listen = (listener) => listeners.push(listener);
 export function tell() {
   if (told) return;
@@ -17,7 +17,7 @@ export function tell() {
   setTimeout(() => {
     told = false;
     listeners.forEach((listener) => listener());
-  }, 200);
+  }, 100);
 }
 
 /// Asks for everything anew.

@@ -3,7 +3,7 @@ import { ask, attempt, follow } from "/api.js";
 import { apply, journal } from "/journal.js";
 import { ended, look, tell } from "/rig.js";
 
-export const run = { id: null, session: null, plan: null, told: journal(), at: 0 };
+export const run = { id: null, session: null, plan: null, told: journal(), at: 0, fit: 0, over: false };
 let stream = null;
 
 /// Watches another session, or the same one anew: the stream of an ended one is over.
@@ -11,7 +11,7 @@ export function watch(id, anew = false) {
   if (id === run.id && !anew) return;
   stream?.abort();
   stream = new AbortController();
-  Object.assign(run, { id, session: null, plan: null, told: journal() });
+  Object.assign(run, { id, session: null, plan: null, told: journal(), fit: 0, over: false });
   tell();
   if (!id) return;
   const { signal } = stream;
@@ -20,10 +20,16 @@ export function watch(id, anew = false) {
     if (id === run.id) run.plan = plan;
     refresh();
   });
-  follow(`/v1/sessions/${id}/events`, signal, (record) => {
+  const take = (record) => {
+    // No record of the journal: the fit has moved on.
+    if (record.type === "fit.live") {
+      run.fit = record.revision;
+      return tell();
+    }
     apply(run.told, record);
     refresh();
-  });
+  };
+  follow(`/v1/sessions/${id}/events`, signal, take).then(() => { run.over ||= !signal.aborted; });
 }
 
 let refreshing = false;

@@ -8,6 +8,7 @@ pub(super) mod tls;
 mod tokens;
 
 use super::error::bad_input;
+use super::logging;
 use crate::devices::arm::{Arm, ArmError};
 use crate::devices::camera::{Camera, CameraError};
 use crate::devices::gphoto2::{Gphoto2Camera, Gphoto2Settings, KnownBody, WorkerCommand, remedies};
@@ -52,12 +53,17 @@ pub struct Daemon {
 
 impl Daemon {
     /// Opens the store, starts the engine and serves the rig's address, or the `handed` listener of whoever started this program.
-    /// `rig_text` is the rig file, for the manifests.
+    /// `rig_text` is the rig file, for the manifests, and `file` where it was read.
     ///
     /// # Errors
     /// A driver this version lacks, a data directory that another daemon holds, an address that is taken, or one beyond loopback
     /// without tokens, nobody at the other end of `[notify]`.
-    pub async fn start(rig: Rig, rig_text: String, handed: Option<StdListener>) -> anyhow::Result<Self> {
+    pub async fn start(
+        rig: Rig,
+        rig_text: String,
+        file: Option<&Path>,
+        handed: Option<StdListener>,
+    ) -> anyhow::Result<Self> {
         let (pose, operator, body) = (SharedPose::default(), Operator::default(), KnownBody::default());
         if let Some(missing) = missing_drivers(&rig) {
             return Err(bad_input(missing));
@@ -86,6 +92,8 @@ impl Daemon {
         let state = HttpState {
             engine: engine.clone(),
             rig: Arc::new(rig),
+            rig_file: file.map(Arc::from),
+            log: logging::tail(),
             tokens: Arc::new(tokens),
             notifications: notifier.counts(),
             shutdown: shutdown.clone(),

@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                     Daemon::stop(earlier).await?;
                 }
             }
-            let daemon = Daemon::start(rig.0.clone(), rig.1.clone(), None).await?;
+            let daemon = Daemon::start(rig.0.clone(), rig.1.clone(), None, None).await?;
             let url = daemon.url.clone();
             daemons.push(daemon);
             let first = args.calibrate && index == 0;

@@ -86,9 +86,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let inputs = dataset::inputs(&args.dataset).map_err(bad_input)?;
     result::make_ready(&args.out, &inputs).map_err(bad_input)?;
     let bar = progress_bar(args.json);
-    let mut on_progress = |progress: FitProgress| {
-        if progress.iteration > 0 {
-            bar.set_message(format!("iteration {}, cost {:.6e}", progress.iteration, progress.cost));
+    let mut on_progress = |progress: FitProgress<'_>| {
+        if let FitProgress::Iteration(at, _) = progress {
+            bar.set_message(format!("iteration {}, cost {:.6e}", at.iteration, at.cost));
         }
         ControlFlow::Continue(())
     };

@@ -1,29 +1,85 @@
-//! Where the log goes: to systemd's journal, with its fields, where stderr goes there anyway; else to stderr as text.
+//! Where the log goes: to systemd's journal, with its fields, where stderr goes there anyway; else to stderr as text. Its last lines stay
+//! in memory as well, for `GET /v1/log`.
 
+use crate::http::LogTail;
+use jiff::Timestamp;
 use nix::sys::stat::fstat;
+use std::fmt::{Debug, Write};
 use std::io::{IsTerminal, stderr};
-use tracing_subscriber::EnvFilter;
+use std::sync::{Arc, LazyLock};
+use tracing::field::{Field, Visit};
+use tracing::{Event, Subscriber};
+use tracing_subscriber::layer::Context;
 use tracing_subscriber::prelude::*;
+use tracing_subscriber::{EnvFilter, Layer};
 
 /// At its finest the HTTP client logs whole addresses, and those of notifications hold secrets.
 const QUIET: [&str; 2] = ["ureq=warn", "ureq_proto=warn"];
 
+/// How much of the log stays in memory.
+const KEPT: &str = "warn,rigd=info";
+
+static TAIL: LazyLock<Arc<LogTail>> = LazyLock::new(Arc::default);
+
+/// The last lines of this process's log.
+pub fn tail() -> Arc<LogTail> {
+    Arc::clone(&TAIL)
+}
+
 /// Starts the log of this process; RIGD_LOG says how much of it, warnings if it says nothing.
 pub fn start() {
-    let filter = EnvFilter::try_from_env("RIGD_LOG").unwrap_or_else(|_| EnvFilter::new("warn"));
-    let filter = QUIET.iter().filter_map(|quiet| quiet.parse().ok()).fold(filter, EnvFilter::add_directive);
+    let filter = || quiet(EnvFilter::try_from_env("RIGD_LOG").unwrap_or_else(|_| EnvFilter::new("warn")));
+    let kept = Kept(tail()).with_filter(quiet(EnvFilter::new(KEPT)));
     // A journal that does not answer gets the text of stderr all the same.
     if let Some(journal) = goes_to_journal().then(tracing_journald::layer).and_then(Result::ok) {
-        return tracing_subscriber::registry().with(filter).with(journal.with_field_prefix(None)).init();
+        let journal = journal.with_field_prefix(None).with_filter(filter());
+        return tracing_subscriber::registry().with(kept).with(journal).init();
     }
-    tracing_subscriber::fmt()
+    let text = tracing_subscriber::fmt::layer()
         .with_writer(stderr)
         // In a file colours are noise.
         .with_ansi(stderr().is_terminal())
-        .with_env_filter(filter)
         // A closed stderr must not become a panic of whoever logs.
         .log_internal_errors(false)
-        .init();
+        .with_filter(filter());
+    tracing_subscriber::registry().with(kept).with(text).init();
+}
+
+fn quiet(filter: EnvFilter) -> EnvFilter {
+    QUIET.iter().filter_map(|quiet| quiet.parse().ok()).fold(filter, EnvFilter::add_directive)
+}
+
+/// Puts every event into the tail.
+struct Kept(Arc<LogTail>);
+
+impl<S: Subscriber> Layer<S> for Kept {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut said = Said::default();
+        event.record(&mut said);
+        let data = event.metadata();
+        self.0.push(Timestamp::now().to_string(), data.level().as_str(), data.target(), &(said.message + &said.fields));
+    }
+}
+
+/// An event in words.
+#[derive(Default)]
+struct Said {
+    message: String,
+    fields: String,
+}
+
+impl Visit for Said {
+    fn record_str(&mut self, field: &Field, value: &str) {
+        self.record_debug(field, &format_args!("{value}"));
+    }
+
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        // Writing into a String does not fail.
+        let _ = match field.name() {
+            "message" => write!(self.message, "{value:?}"),
+            name => write!(self.fields, " {name}={value:?}"),
+        };
+    }
 }
 
 /// Whether stderr is the stream to the journal that systemd gave this process: `JOURNAL_STREAM` names its device and inode, and is

@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         // Listening for signals before anything is on, so that none comes too early to be cleaned up after.
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut terminate = signal(SignalKind::terminate())?;
-        let daemon = Daemon::start(rig, text, handed).await?;
+        let daemon = Daemon::start(rig, text, Some(&args.config), handed).await?;
         let mut out = std::io::stdout();
         // Whoever started the daemon may have stopped reading; it serves all the same.
         let _ = writeln!(out, "listening on {}", daemon.url).and_then(|()| out.flush());

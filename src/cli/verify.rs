@@ -1,13 +1,11 @@
 //! `rigd verify`: is what lies on disk still what was committed?
 
 use super::error::{bad_input, print_line};
-use crate::session::SOFTWARE;
 use crate::session::index::{CheckError, check};
-use crate::session::verify::{Verified, verify};
+use crate::session::verify::{Verified, examine, write_down};
 use crate::store::RealDisk;
 use crate::store::index::{IndexError, Reader};
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
-use crate::store::verified::{Record, withdraw};
 use anyhow::bail;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -92,27 +90,14 @@ fn with_index(run: Verified, directory: &Path) -> Found {
     Found { run, index_faults, notes }
 }
 
-/// Verifies a run and writes beside it that it is sound (`verified.json`), or takes that back. A run that cannot be read at all is one
-/// with a fault.
+/// Verifies a run and writes down what was found.
 fn checked(run: &Path) -> Verified {
-    let begun = Record::begin(run, SOFTWARE);
-    let found = verify(run);
-    let sound = found.as_ref().ok().filter(|found| found.faults.is_empty());
-    let noted = match (begun, sound) {
-        (Ok(record), Some(found)) => record.write(&RealDisk, run, found.frames),
-        _ => withdraw(&RealDisk, run),
-    };
-    if let Err(error) = noted {
+    let (found, record) = examine(run);
+    if let Err(error) = write_down(&RealDisk, run, &found, record) {
         // An archive that cannot be written is as sound as it is.
         tracing::warn!(%error, "what was found is not written down");
     }
-    found.unwrap_or_else(|error| Verified {
-        id: run.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
-        state: "unreadable".into(),
-        records: 0,
-        frames: 0,
-        faults: vec![error.to_string()],
-    })
+    found
 }
 
 fn show(found: &Found) -> std::io::Result<()> {

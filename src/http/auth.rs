@@ -41,9 +41,16 @@ pub struct TokenError {
     pub what: &'static str,
 }
 
+#[derive(Clone)]
+struct Token {
+    line: usize,
+    scope: Scope,
+    hash: blake3::Hash,
+}
+
 /// The tokens that open the daemon, as hashes: the tokens themselves are kept nowhere.
 #[derive(Clone, Default)]
-pub struct Tokens(Vec<(Scope, blake3::Hash)>);
+pub struct Tokens(Vec<Token>);
 
 impl fmt::Debug for Tokens {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -57,7 +64,7 @@ impl Tokens {
     /// # Errors
     /// The first line that is neither, holds a token that is too short or no bearer token, or one that was there before.
     pub fn parse(text: &str) -> Result<Self, TokenError> {
-        let mut tokens: Vec<(Scope, blake3::Hash)> = Vec::new();
+        let mut tokens: Vec<Token> = Vec::new();
         for (line, content) in (1..).zip(text.lines().map(str::trim)) {
             if content.is_empty() || content.starts_with('#') {
                 continue;
@@ -75,10 +82,10 @@ impl Tokens {
                 ));
             }
             let hash = blake3::hash(token.as_bytes());
-            if tokens.iter().any(|(_, known)| *known == hash) {
+            if tokens.iter().any(|known| known.hash == hash) {
                 return Err(refuse("the token is there twice: give each a line of its own"));
             }
-            tokens.push((scope, hash));
+            tokens.push(Token { line, scope, hash });
         }
         Ok(Self(tokens))
     }
@@ -88,10 +95,15 @@ impl Tokens {
         self.0.is_empty()
     }
 
+    /// Line in their file, from 1, and scope of every token.
+    pub(super) fn entries(&self) -> impl Iterator<Item = (usize, Scope)> {
+        self.0.iter().map(|token| (token.line, token.scope))
+    }
+
     /// What a token allows. Hashes are compared, each in constant time (`blake3::Hash`'s equality), and all of them.
     fn scope(&self, token: &str) -> Option<Scope> {
         let hash = blake3::hash(token.as_bytes());
-        self.0.iter().fold(None, |found, (scope, known)| if *known == hash { Some(*scope) } else { found })
+        self.0.iter().fold(None, |found, known| if known.hash == hash { Some(known.scope) } else { found })
     }
 }
 

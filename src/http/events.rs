@@ -20,7 +20,7 @@ use utoipa::{IntoParams, ToSchema};
 const IN_FLIGHT: usize = 64;
 
 /// Largest sequence number asked for: beyond it JSON readers lose digits.
-const LARGEST_SEQ: u64 = 9_007_199_254_740_991;
+pub(super) const LARGEST_SEQ: u64 = 9_007_199_254_740_991;
 
 /// One event as it is sent.
 #[derive(ToSchema)]
@@ -46,7 +46,8 @@ pub(super) struct After {
 /// Follow a session
 ///
 /// One event a journal record: `id` its sequence number, `event` its type, `data` the record as JSON. Clients ignore types
-/// they do not know. The stream ends after the session's last event. Once nothing will follow, a further request is
+/// they do not know. Events of the type `fit.live` are no records, have no id and are not sent again: they say that GET .../fit has
+/// something new, at most some ten times a second. The stream ends after the session's last event, and that of a refit. Once nothing will follow, a further request is
 /// answered 204, which tells a browser's EventSource to stop.
 #[utoipa::path(get, path = "/v1/sessions/{id}/events", tag = "sessions",
     params(("id" = String, Path, description = "Session id."), After,
@@ -87,21 +88,34 @@ pub(super) async fn calibration_events(
     stream(state, id, calibration_standing, query, &headers).await
 }
 
-/// Whether a run has ended, and its last sequence number.
-type Standing = fn(&EngineHandle, &str) -> Result<(bool, u64), EngineError>;
-
-fn session_standing(engine: &EngineHandle, id: &str) -> Result<(bool, u64), EngineError> {
-    engine.session(id).map(|session| (session.state.is_final(), session.last_seq))
+/// How a run stands.
+struct Standing {
+    /// Nothing more will happen to it.
+    over: bool,
+    /// Sequence number of its last record.
+    last_seq: u64,
+    /// Revision of its fit; 0 where nobody can watch one.
+    fit: u64,
 }
 
-fn calibration_standing(engine: &EngineHandle, id: &str) -> Result<(bool, u64), EngineError> {
-    engine.calibration(id).map(|run| (run.state.is_final(), run.last_seq))
+type LookAt = fn(&EngineHandle, &str) -> Result<Standing, EngineError>;
+
+fn session_standing(engine: &EngineHandle, id: &str) -> Result<Standing, EngineError> {
+    // The mark first: what was journalled of a refit that has ended since is then sent as well.
+    let mark = engine.fit_mark(id);
+    let session = engine.session(id)?;
+    Ok(Standing { over: session.state.is_final() && !mark.refitting, last_seq: session.last_seq, fit: mark.revision })
+}
+
+fn calibration_standing(engine: &EngineHandle, id: &str) -> Result<Standing, EngineError> {
+    let run = engine.calibration(id)?;
+    Ok(Standing { over: run.state.is_final(), last_seq: run.last_seq, fit: 0 })
 }
 
 async fn stream(
     state: HttpState,
     id: String,
-    standing: Standing,
+    standing: LookAt,
     query: After,
     headers: &HeaderMap,
 ) -> Result<Response, Problem> {
@@ -117,8 +131,8 @@ async fn stream(
         return Err(refuse());
     }
     let asked = id.clone();
-    let (ended, last_seq) = ask(&state, move |engine| standing(engine, &asked)).await?;
-    if ended && last_seq <= after {
+    let stands = ask(&state, move |engine| standing(engine, &asked)).await?;
+    if stands.over && stands.last_seq <= after {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     let (sender, receiver) = mpsc::channel(IN_FLIGHT);
@@ -130,17 +144,17 @@ async fn stream(
 async fn follow(
     state: HttpState,
     id: String,
-    standing: Standing,
+    standing: LookAt,
     mut after: u64,
     sender: mpsc::Sender<Result<Event, Infallible>>,
 ) {
-    let mut changes = state.engine.changes();
+    let (mut changes, mut fit_told) = (state.engine.changes(), 0);
     let shutdown = state.shutdown.clone();
     loop {
         changes.mark_unchanged();
         let asked = id.clone();
-        let Ok((ended, last_seq)) = ask(&state, move |engine| standing(engine, &asked)).await else { return };
-        if last_seq > after {
+        let Ok(stands) = ask(&state, move |engine| standing(engine, &asked)).await else { return };
+        if stands.last_seq > after {
             let asked = id.clone();
             let Ok(events) = ask(&state, move |engine| Ok(next_events(&engine.events_after(&asked, after)?))).await
             else {
@@ -157,7 +171,13 @@ async fn follow(
                 continue;
             }
         }
-        if ended && after >= last_seq {
+        if stands.fit > fit_told {
+            fit_told = stands.fit;
+            if sender.send(Ok(fit_event(fit_told))).await.is_err() {
+                return;
+            }
+        }
+        if stands.over && after >= stands.last_seq {
             return;
         }
         tokio::select! {
@@ -171,6 +191,11 @@ async fn follow(
 /// The first events of `records`: no more than fit on their way, so that a client that does not read costs little memory.
 fn next_events(records: &[Value]) -> Vec<(u64, Event)> {
     records.iter().filter_map(event).take(IN_FLIGHT).collect()
+}
+
+/// Says that the fit has moved on. It has no id: who reconnects asks for journal records only.
+fn fit_event(revision: u64) -> Event {
+    Event::default().event("fit.live").data(format!(r#"{{"type":"fit.live","revision":{revision}}}"#))
 }
 
 /// A journal record as an event; none if it has no sequence number.

@@ -6,6 +6,8 @@ mod events;
 mod extract;
 mod guard;
 mod listener;
+mod live;
+mod log;
 mod metrics;
 mod openapi;
 mod page;
@@ -15,10 +17,12 @@ mod results;
 mod rig;
 mod server;
 mod sessions;
+mod settings;
 mod tls;
 mod viewer;
 
 pub use auth::{TokenError, Tokens, is_token};
+pub use log::LogTail;
 pub use problem::Problem;
 pub use tls::Tls;
 
@@ -28,6 +32,7 @@ use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use rig_config::Rig;
 use std::net::IpAddr;
+use std::path::Path;
 use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -42,6 +47,10 @@ pub struct HttpState {
     pub engine: EngineHandle,
     /// The rig it drives.
     pub rig: Arc<Rig>,
+    /// Its file; none where the program brought it along.
+    pub rig_file: Option<Arc<Path>>,
+    /// The last log lines.
+    pub log: Arc<LogTail>,
     /// Who may ask.
     pub tokens: Arc<Tokens>,
     /// What became of the messages of `[notify]`.

@@ -1,7 +1,9 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, auth, calibrations, events, metrics, queue, results, rig, sessions, viewer};
+use super::{
+    HttpState, auth, calibrations, events, live, log, metrics, queue, results, rig, sessions, settings, viewer,
+};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
@@ -73,8 +75,11 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(results::frame))
         .routes(routes!(results::material))
         .routes(routes!(results::file))
-        .routes(routes!(results::refit))
+        .routes(routes!(live::fit, results::refit))
+        .routes(routes!(live::verified, live::verify))
         .routes(routes!(rig::rig))
+        .routes(routes!(settings::settings))
+        .routes(routes!(log::log))
         .routes(routes!(rig::livez))
         .routes(routes!(rig::readyz))
         .routes(routes!(metrics::metrics))

@@ -167,6 +167,7 @@ impl From<EngineError> for Problem {
                 allowed: Some(allowed),
                 ..of(StatusCode::CONFLICT, "wrong-state", "Not possible in this state")
             },
+            EngineError::Verifying { .. } => of(StatusCode::CONFLICT, "verifying", "Another session is being verified"),
             EngineError::RigChanged { .. } => of(StatusCode::CONFLICT, "rig-changed", "Begun with another rig file"),
             EngineError::KeyReused => of(StatusCode::UNPROCESSABLE_ENTITY, "key-reused", "Idempotency-Key used before"),
             EngineError::NoSpace { .. } => of(StatusCode::INSUFFICIENT_STORAGE, "no-space", "Not enough disk space"),

@@ -94,6 +94,7 @@ const FILES: &[(&str, &str)] = &[
     ("weights.exr", "image/x-exr"),
     ("weights_sigma.exr", "image/x-exr"),
     ("residual.exr", "image/x-exr"),
+    ("residual.png", "image/png"),
     ("valid.png", "image/png"),
     ("preview.png", "image/png"),
 ];
@@ -112,6 +113,8 @@ enum ResultName {
     WeightsSigma,
     #[schema(rename = "residual.exr")]
     Residual,
+    #[schema(rename = "residual.png")]
+    ResidualPicture,
     #[schema(rename = "valid.png")]
     Valid,
     #[schema(rename = "preview.png")]

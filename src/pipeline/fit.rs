@@ -5,6 +5,8 @@ use super::inputs;
 use super::judged::judge;
 use super::options::Chosen;
 pub use super::options::FitOptions;
+use super::progress::tell;
+pub use super::progress::{FitProgress, FitStep, OnProgress};
 use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::directions::Tilt;
@@ -12,23 +14,10 @@ use crate::numerics::fit::observations::{Observations, Scene};
 use crate::numerics::fit::quality::{Quality, judge_left_out};
 use crate::numerics::fit::solver::Termination;
 use crate::numerics::fit::uncertainty::Uncertainty;
-use std::ops::ControlFlow;
 use std::time::Instant;
 
 /// A point needs this many samples, or as many as there are lights if those are fewer.
 const LEAST_SAMPLES: usize = 3;
-
-/// Progress of a fit: outer iteration and cost.
-#[derive(Clone, Copy, Debug)]
-pub struct FitProgress {
-    /// Outer iteration, from 1.
-    pub iteration: usize,
-    /// Cost of the objective.
-    pub cost: f64,
-}
-
-/// Callback for progress and cancelling.
-pub type OnProgress<'a> = &'a mut (dyn FnMut(FitProgress) -> ControlFlow<()> + Send);
 
 /// Why there is no fit at all. A poor fit is a report, not an error.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -104,6 +93,7 @@ fn run(
 ) -> Result<FitResult, FitError> {
     let begin = Instant::now();
     let cpu_begin = cpu_seconds();
+    tell(progress, FitProgress::Step(FitStep::Observe))?;
     let all = observe(dataset, chosen.cutoff, chosen.solver.needs_azimuths());
     let used_lights = (0..dataset.geometry.lights.len()).filter(|light| !options.leave_out.contains(light)).count();
     let (observations, kept) =
@@ -112,6 +102,8 @@ fn run(
         return Err(FitError::Input(no_samples(dataset, chosen, &all)));
     }
     let observed = Instant::now();
+    let (points, samples) = (observations.points(), observations.samples());
+    tell(progress, FitProgress::Observed { points, samples, width: dataset.geometry.width })?;
 
     let judged = judge(&observations, chosen, progress)?;
     let mixture = &judged.solution.mixture;

@@ -1,15 +1,16 @@
 //! Chooses, fits and judges materials for observations, however they came about.
 
-use super::fit::{FitError, FitOptions, FitProgress, OnProgress};
+use super::fit::{FitError, FitOptions, FitProgress, FitStep, OnProgress};
 use super::identify::{self, Evidence, FEW_POINTS, MISFIT};
 use super::inputs;
 use super::options::Chosen;
+use super::progress::{residual_map, tell};
 use super::report::MaterialReport;
 use crate::numerics::fit::kernel::Sign;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::{Quality, judge_all};
 use crate::numerics::fit::selection::{Candidate, Wishes, select};
-use crate::numerics::fit::solver::{Solution, Task, Termination};
+use crate::numerics::fit::solver::{Iterate, Solution, Task, Termination};
 use crate::numerics::fit::twins::places;
 use crate::numerics::fit::uncertainty::{Uncertainty, uncertainty};
 use crate::numerics::fit::{Mixture, gauge, varpro};
@@ -84,10 +85,13 @@ pub(super) fn judge(
         rule: chosen.rule,
         colour: taken.colour,
     };
-    let mut report_progress = |iteration, cost| progress(FitProgress { iteration, cost });
+    tell(progress, FitProgress::Step(FitStep::Fit))?;
+    let used = changed.as_ref().unwrap_or(observations);
+    let mut report_progress =
+        |at: Iterate<'_>| progress(FitProgress::Iteration(at, &|width| residual_map(used, &task, at.materials, width)));
     let mut solution = chosen
         .solver
-        .solve(changed.as_ref().unwrap_or(observations), &task, &mut report_progress)
+        .solve(used, &task, &mut report_progress)
         .map_err(|refusal| FitError::Input(refusal.to_string()))?;
     if solution.termination == Termination::Cancelled {
         return Err(FitError::Cancelled);
@@ -98,6 +102,7 @@ pub(super) fn judge(
         changed = Some(changed.as_ref().unwrap_or(observations).turned(tilts));
     }
     let fitted = changed.as_ref().unwrap_or(observations);
+    tell(progress, FitProgress::Step(FitStep::Uncertainty))?;
     let uncertainty =
         uncertainty(&varpro::recipe(&task, fitted), &solution.mixture, task.colour, solution.sign, fitted);
     let quality = judge_all(task.lobe, &solution.mixture, fitted)
@@ -114,6 +119,8 @@ pub(super) fn judge(
     };
     let materials = identify::describe(&task, &solution.mixture, &uncertainty, fitted, &evidence);
     warnings.extend(warnings_about(&solution, fitted, &evidence, &candidates));
+    let found = &solution.mixture.materials;
+    tell(progress, FitProgress::Judged(&materials, &|width| residual_map(fitted, &task, found, width)))?;
     Ok(Judged {
         task,
         solution,
@@ -135,8 +142,9 @@ fn choose(
     wishes: Wishes,
     progress: OnProgress<'_>,
 ) -> Result<Vec<Candidate>, FitError> {
-    let mut go_on = || progress(FitProgress { iteration: 0, cost: f64::NAN });
-    let candidates = select(observations, chosen.objective, wishes, &mut go_on);
+    tell(progress, FitProgress::Step(FitStep::Choose))?;
+    let mut on_candidate = |candidate: &Candidate, best: bool| progress(FitProgress::Tried(candidate, best));
+    let candidates = select(observations, chosen.objective, wishes, &mut on_candidate);
     if candidates.is_empty() { Err(FitError::Cancelled) } else { Ok(candidates) }
 }
 

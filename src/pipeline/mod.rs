@@ -14,6 +14,7 @@ pub mod mesh;
 pub mod metering;
 pub mod options;
 pub mod preview;
+pub mod progress;
 pub mod raw;
 pub mod relight;
 pub mod render;

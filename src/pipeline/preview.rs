@@ -40,6 +40,27 @@ pub fn preview(result: &FitResult) -> Image<[u8; 3]> {
     sheet
 }
 
+/// Relative error that is white in [`residuals`].
+const WORST: f64 = 0.1;
+
+/// Mean over samples and channels of |I - model| / I at every point, cropped to the object: black is none, white 10 % and more.
+pub fn residuals(result: &FitResult) -> Image<[u8; 3]> {
+    let frame = Frame::of(result);
+    let mut sheet = Image::filled(frame.width + 2 * GAP, frame.height + 2 * GAP, [24_u8; 3]);
+    let Some(lobe) = brdf::by_name(&result.material.model) else { return sheet };
+    for point in 0..result.observations.points() {
+        let (mut error, mut count) = (0.0, 0.0);
+        for sample in result.observations.of(point) {
+            let model = predict(lobe, &result.mixture.materials, result.mixture.weights_of(point), &sample);
+            error += (0..3).map(|c| (sample.radiance[c] - model[c]).abs() / sample.radiance[c]).sum::<f64>();
+            count += 3.0;
+        }
+        let grey = [(255.0 * (error / f64::max(count, 1.0) / WORST).min(1.0)).round() as u8; 3];
+        frame.put(&mut sheet, 0, 0, result.observations.pixel[point], grey);
+    }
+    sheet
+}
+
 /// The bounding box of all points.
 struct Frame {
     x: usize,

@@ -1,6 +1,7 @@
 //! The one record of all runs, sessions and calibrations: journal first, then memory, then everyone who waits is told. Engine,
 //! worker and handle share it; the state in it is also how a user's verb reaches the engine.
 
+mod calibration;
 mod found;
 mod taken_up;
 mod told;
@@ -13,9 +14,11 @@ use super::calibration::progress::CalibrationSnapshot;
 use super::handle::{EngineError, SessionSnapshot};
 use super::lamp::hours::LampHours;
 use super::ledger::{FrameRecord, Ledger};
+use super::live::LiveFit;
 use super::plan::PlannedExposure;
 use super::queue::Queue;
 use super::state::{Event, SessionState, Verb, WrongEvent, allowed, next};
+use super::verifying::Verification;
 use super::work::Work;
 use super::worker::Fault;
 use crate::devices::Cancel;
@@ -59,6 +62,10 @@ pub struct Inner {
     pub queue: Queue,
     /// Sessions whose refit waits or runs, one entry a refit: they are not removed.
     pub refits: Vec<String>,
+    /// The last fit of this daemon, for whoever watches.
+    pub live: Option<LiveFit>,
+    /// The verification that goes on, or the last one.
+    pub verifying: Option<Verification>,
     /// Why the queue waits although an entry is due, if so; a user who changes the queue ends the wait.
     pub queue_waits: Option<String>,
     /// Why arm or camera could not be used last time.
@@ -114,31 +121,6 @@ impl Entry {
         (done + spared) / (0..self.work.stations()).map(all).sum::<f64>()
     }
 
-    /// A calibration run as anyone may see it; none of a session.
-    pub fn calibration(&self) -> Option<CalibrationSnapshot> {
-        let (progress, plan) = (self.ledger.progress.as_ref()?, self.work.calibration()?);
-        let run = self.ledger.snapshot.clone();
-        Some(CalibrationSnapshot {
-            id: run.id,
-            name: run.name,
-            kind: plan.kind(),
-            version: self.manifest.version.unwrap_or_default(),
-            state: run.state,
-            reason: run.reason,
-            simulated: run.simulated,
-            started: run.started,
-            ended: run.ended,
-            step: progress.step,
-            instruction: progress.instruction.clone().filter(|_| run.state == SessionState::Awaiting),
-            steps: plan.steps.len(),
-            steps_accepted: progress.accepted(),
-            verdicts: progress.verdicts.clone(),
-            frames_committed: run.frames_committed,
-            frames_planned: run.frames_planned,
-            last_seq: run.last_seq,
-        })
-    }
-
     /// State now.
     pub fn state(&self) -> SessionState {
         self.ledger.snapshot.state
@@ -163,6 +145,8 @@ impl Book {
             ended: false,
             queue,
             refits: Vec::new(),
+            live: None,
+            verifying: None,
             queue_waits: None,
             device_fault: None,
             lamp_fault: false,
@@ -195,6 +179,11 @@ impl Book {
     pub fn tell(&self) {
         self.changes.send_modify(|count| *count += 1);
         self.changed.notify_all();
+    }
+
+    /// Tells those alone who watch: something changed that is no record.
+    pub fn show(&self) {
+        self.changes.send_modify(|count| *count += 1);
     }
 
     /// Tells everyone who waits that something other than a record changed.

@@ -3,6 +3,7 @@
 mod calibration;
 mod kept;
 mod lamp;
+mod live;
 mod notice;
 mod queue;
 mod viewer;
@@ -27,12 +28,13 @@ pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{self, Idempotency, Manifest};
 pub use lamp::LampStatus;
+pub use live::{FitMark, LiveFit, Soundness, VerifyStatus};
 pub use queue::{QueueSnapshot, QueuedSession};
 use rig_config::Rig;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 use utoipa::ToSchema;
 pub use viewer::{Curves, Shading, ShownLight, Texture, checked_mesh, shape};
@@ -159,6 +161,12 @@ pub enum EngineError {
         state: SessionState,
         /// What can be asked instead.
         allowed: Vec<Verb>,
+    },
+    /// Another session is being verified.
+    #[error("session {id} is being verified: wait until that has ended")]
+    Verifying {
+        /// The session whose frames are being read.
+        id: String,
     },
     /// The Idempotency-Key was used before with another body.
     #[error("this Idempotency-Key was used for another request: choose a new key")]
@@ -341,27 +349,6 @@ impl EngineHandle {
         let mut records = journal::read(&directory.join(journal::FILE))?.records;
         records.retain(|record| record["seq"].as_u64().is_some_and(|seq| seq > after && seq <= last_seq));
         Ok(records)
-    }
-
-    /// Queues a refit of a finished session on the fitting worker.
-    pub fn refit(&self, id: &str, request: &FitRequest) -> Result<SessionSnapshot, EngineError> {
-        let mut inner = self.book.lock();
-        // The lamp is lit while a run waits for the worker.
-        inner.check_idle()?;
-        let entry = inner.session(id)?;
-        let (snapshot, lights) = (entry.snapshot(), entry.ledger.stations());
-        let busy = || EngineError::Busy { running: id.to_owned(), state: snapshot.state };
-        if !snapshot.state.is_final() {
-            return Err(busy());
-        }
-        request.check(lights)?;
-        let job = Job::Fit { session: id.to_owned(), request: request.clone(), done: None };
-        self.jobs.try_send(job).map_err(|error| match error {
-            TrySendError::Full(_) => busy(),
-            TrySendError::Disconnected(_) => EngineError::Gone,
-        })?;
-        inner.refits.push(id.to_owned());
-        Ok(snapshot)
     }
 
     /// `Ok` when a session could start now; otherwise each reason why not (arm, camera, disk).

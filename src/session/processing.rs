@@ -16,7 +16,7 @@ use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::metering::Worth;
 use crate::numerics::radiometry::noise::SensorNoise;
 use crate::pipeline::develop::{BracketFrame, Developed, Known, develop};
-use crate::pipeline::fit::{FitOptions, FitResult, OnProgress, cpu_seconds, fit};
+use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, FitStep, OnProgress, cpu_seconds, fit};
 use crate::pipeline::metering::Metering;
 use crate::store::dataset::SessionLight;
 use crate::store::files::{read_bytes, read_text};
@@ -185,6 +185,9 @@ impl PipelineProcessing {
         let calibration = CalibrationFile::of_session(&job.directory)?;
         if !(job.described && job.directory.join("dataset.toml").exists()) {
             self.describe(job, calibration.as_ref())?;
+        }
+        if progress(FitProgress::Step(FitStep::Load)).is_break() {
+            return Err(FitError::Cancelled.to_string());
         }
         let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
         let dataset = store::dataset::read(&job.directory).map_err(|e| e.to_string())?;

@@ -3,6 +3,7 @@
 use super::book::{Book, Entry};
 use super::handle::SessionSnapshot;
 use super::state::SessionState;
+use super::verifying::Verification;
 use crate::store::verified;
 use jiff::Timestamp;
 use std::path::{Path, PathBuf};
@@ -64,7 +65,8 @@ fn remove(book: &Book, session: &SessionSnapshot) {
         let mut inner = book.lock();
         let unchanged = |entry: &Entry| entry.ledger.snapshot == *session;
         let wanted = inner.queue.running().is_some_and(|(_, running)| running == id)
-            || inner.refits.iter().any(|refit| refit == id);
+            || inner.refits.iter().any(|refit| refit == id)
+            || inner.verifying.as_ref().and_then(Verification::running) == Some(id);
         if inner.shutdown || wanted || !inner.runs.get(id).is_some_and(unchanged) {
             return;
         }

@@ -4,7 +4,8 @@ use super::handle::SessionSnapshot;
 use super::ledger::Ledger;
 use super::work::Work;
 use crate::store::manifest::{self, Manifest};
-use crate::store::{StoreError, frames, journal};
+use crate::store::verified::{Record, withdraw};
+use crate::store::{Disk, StoreError, frames, journal};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -47,6 +48,37 @@ pub fn verify(directory: &Path) -> Result<Verified, StoreError> {
     }
     let state = ledger.snapshot.state.to_string();
     Ok(Verified { id: manifest.id, state, records: journal.records.len(), frames: sound, faults })
+}
+
+/// Verifies a run; one that cannot be read at all is one with a fault. Beside what was found, the record that says so of one that is sound.
+pub fn examine(directory: &Path) -> (Verified, Option<Record>) {
+    let begun = Record::begin(directory, super::SOFTWARE);
+    let found = verify(directory);
+    let record = begun.ok().filter(|_| found.as_ref().is_ok_and(|found| found.faults.is_empty()));
+    let unreadable = |error: StoreError| Verified {
+        id: directory.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+        state: "unreadable".into(),
+        records: 0,
+        frames: 0,
+        faults: vec![error.to_string()],
+    };
+    (found.unwrap_or_else(unreadable), record)
+}
+
+/// Writes beside a run that it is sound (`verified.json`), or takes that back.
+///
+/// # Errors
+/// The directory takes no file, or gives none away.
+pub fn write_down(
+    disk: &dyn Disk,
+    directory: &Path,
+    found: &Verified,
+    record: Option<Record>,
+) -> Result<(), StoreError> {
+    match record {
+        Some(record) => record.write(disk, directory, found.frames),
+        None => withdraw(disk, directory),
+    }
 }
 
 /// A session as its journal on disk has it.

@@ -4,6 +4,7 @@ use super::acquire::Ended;
 use super::adaptive::Weighed;
 use super::book::{Book, Entry};
 use super::handle::FitRequest;
+use super::live::Observer;
 use super::processing::{Bracket, FitJob, Judged, Next, OpenBracket, Processing, StepJob};
 use super::room::{self, Lack};
 use super::state::SessionState;
@@ -134,7 +135,10 @@ impl Worker {
                     match done {
                         // The engine may have gone on without the fit.
                         Some(done) => drop(done.send(outcome)),
-                        None => self.book.lock().refitted(&session),
+                        None => {
+                            self.book.lock().refitted(&session);
+                            self.book.show();
+                        }
                     }
                 }
             }
@@ -229,7 +233,7 @@ impl Worker {
     fn weigh(&mut self, session: &str) -> Result<Weighed, String> {
         let job = self.fit_job(session, FitRequest::default())?;
         let book = Arc::clone(&self.book);
-        let mut go_on = |_: FitProgress| {
+        let mut go_on = |_: FitProgress<'_>| {
             if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let processing = &mut self.processing;
@@ -267,17 +271,23 @@ impl Worker {
 
     fn fit(&mut self, session: &str, request: FitRequest) -> Result<Value, String> {
         let job = self.fit_job(session, request)?;
+        let mut observer = Observer::begin(&self.book, session);
         let (book, mut last) = (Arc::clone(&self.book), None::<Duration>);
-        let mut progress = |at: FitProgress| {
+        let mut progress = |event: FitProgress<'_>| {
+            observer.take(&event);
             let now = book.clock.elapsed();
-            if last.is_none_or(|last| now.saturating_sub(last) >= PROGRESS_EVERY) {
+            if let FitProgress::Iteration(at, _) = event
+                && last.is_none_or(|last| now.saturating_sub(last) >= PROGRESS_EVERY)
+            {
                 last = Some(now);
                 book.note(session, "fit.progress", json!({"iteration": at.iteration, "cost": at.cost}));
             }
             if broken_off(&book, session) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let processing = &mut self.processing;
-        guarded(|| processing.fit(&job, &mut progress))
+        let result = guarded(|| processing.fit(&job, &mut progress));
+        observer.end(&result);
+        result
     }
 
     fn journal_fit(&self, session: &str, result: &Result<Value, String>) {

@@ -1,4 +1,4 @@
-//! Result directories (docs/dataset.md): report.json, material.json, weights.exr, valid.png, residual.exr, preview.png, and
+//! Result directories (docs/dataset.md): report.json, material.json, weights.exr, valid.png, residual.exr, residual.png, preview.png, and
 //! beside them weights_sigma.exr with the standard error of every weight.
 
 use super::dataset;
@@ -9,13 +9,21 @@ use crate::numerics::brdf;
 use crate::numerics::fit::predict;
 use crate::numerics::image::Image;
 use crate::pipeline::fit::FitResult;
-use crate::pipeline::preview::preview;
+use crate::pipeline::preview::{preview, residuals};
 use crate::pipeline::report::MaterialFile;
 use std::path::{Path, PathBuf};
 
 /// The files of a result, all of them written by [`write()`].
-pub const FILES: [&str; 7] =
-    ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "preview.png"];
+pub const FILES: [&str; 8] = [
+    "report.json",
+    "material.json",
+    "weights.exr",
+    "weights_sigma.exr",
+    "valid.png",
+    "residual.exr",
+    "residual.png",
+    "preview.png",
+];
 
 /// Why a result cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -64,6 +72,7 @@ pub fn write(directory: &Path, result: &FitResult) -> Result<(), ResultError> {
     }
     let picture = |path: PathBuf, picture: &Image<[u8; 3]>| png::write(&path, picture).map_err(|e| error(&path, e));
     picture(unfinished.path("valid.png"), &valid)?;
+    picture(unfinished.path("residual.png"), &residuals(result))?;
     picture(unfinished.path("preview.png"), &preview(result))?;
     write_json(&unfinished.path("report.json"), &result.report)?;
     unfinished.finish().map_err(|(path, e)| error(&path, e))

@@ -61,14 +61,23 @@ pub fn withdraw(disk: &dyn Disk, directory: &Path) -> Result<(), StoreError> {
 /// # Errors
 /// Record or journal cannot be read.
 pub fn holds(directory: &Path) -> Result<bool, StoreError> {
+    Ok(look(directory)?.is_some_and(|(_, holds)| holds))
+}
+
+/// The record of a run, and whether it is of the run as it stands; none where there is none.
+///
+/// # Errors
+/// Record or journal cannot be read.
+pub fn look(directory: &Path) -> Result<Option<(Record, bool)>, StoreError> {
     let path = directory.join(FILE);
     if !path.exists() {
-        return Ok(false);
+        return Ok(None);
     }
     let corrupt = |reason| StoreError::Corrupt { path: path.display().to_string(), reason };
     let text = super::files::read_text(&path, "record").map_err(corrupt)?;
     let record: Record = serde_json::from_str(&text).map_err(|e| corrupt(format!("no record: {e}; verify anew")))?;
-    Ok(record.format == FORMAT && record.journal_blake3 == journal_hash(directory)?)
+    let holds = record.format == FORMAT && record.journal_blake3 == journal_hash(directory)?;
+    Ok(Some((record, holds)))
 }
 
 fn journal_hash(directory: &Path) -> Result<String, StoreError> {

@@ -3,7 +3,7 @@
 use crate::numerics::brdf::{Lobe, ward::Ward};
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
-use crate::numerics::fit::solver::{Refusal, SOLVERS, Solution, Solver, Task};
+use crate::numerics::fit::solver::{Iterate, Refusal, SOLVERS, Solution, Solver, Task};
 use crate::numerics::fit::unknowns::Colour;
 use crate::numerics::fit::varpro::{Subset, Varpro};
 use crate::numerics::fit::weights::WeightRule;
@@ -82,8 +82,8 @@ impl Method {
     /// # Errors
     /// The solver refuses the observations.
     pub fn solve(&self, observations: &Observations, materials: usize) -> Result<Solution, Refusal> {
-        let mut stop = |round, _| {
-            if self.rounds.is_some_and(|limit| round >= limit) {
+        let mut stop = |at: Iterate<'_>| {
+            if self.rounds.is_some_and(|limit| at.iteration >= limit) {
                 ControlFlow::Break(())
             } else {
                 ControlFlow::Continue(())

@@ -57,8 +57,9 @@ class Browser:
     """A page in a window of its own; whatever its console complains of is kept."""
     pictures, prefix = None, "page"
 
-    def __init__(self, chromium, url, look):
-        size, scheme = LOOKS[look]
+    def __init__(self, chromium, url, look, scheme=None):
+        size, usual = LOOKS[look]
+        scheme = scheme or usual
         self.context = chromium.new_context(viewport=size, color_scheme=scheme, locale="en-GB", reduced_motion="reduce")
         self.page, self.url, self.look, self.complaints = self.context.new_page(), url, look, []
         self.page.set_default_timeout(20_000)

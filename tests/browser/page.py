@@ -9,12 +9,14 @@ from pathlib import Path
 
 from playwright.sync_api import expect
 
+import material
 from driven import LONG, LOOKS, Browser, check, chromium as started, ended, judged, until
 from rigs import Arm, Daemon, replayed, shipped, slower
 
 RIGD, PICTURES = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "results": "results", "health": "health"}
-KILOBYTES, PAINT_MS = 100, 1000
+VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "fit": "fit", "results": "results",
+         "history": "history", "compare": "compare", "health": "health", "settings": "settings"}
+KILOBYTES, PAINT_MS = 1500, 1000     # as they are sent: nothing is compressed
 
 
 def is_light(chromium, url):
@@ -53,6 +55,7 @@ def is_planned_and_shot(chromium, daemon):
     expect(page.get_by_role("heading", name="marble ball")).to_be_visible()
     expect(page.locator(".light-dome .active")).to_be_visible(timeout=LONG)
     expect(page.locator(".light-dome .done").nth(2)).to_be_visible(timeout=LONG)
+    material.frames_are_shown_soon(page, daemon)
     phone.open("")
     expect(phone.page.locator(".light-dome .active")).to_be_visible()
     for browser in (main, phone):
@@ -150,7 +153,11 @@ def every_view_serves_everyone(chromium, daemon):
             browser.page.wait_for_timeout(800)
             if name == "health":
                 expect(browser.page.get_by_text("Ready: a session could start now.")).to_be_visible()
+                expect(browser.page.locator(".log li").filter(has_text="frame.committed").first).to_be_attached()
                 browser.picture("health")
+            if name == "settings":
+                expect(browser.page.get_by_text("plan.stations_deg")).to_be_visible()
+                browser.picture("settings")
             judged(browser, name)
             browser.quiet(f"{name}, {look}")
 
@@ -224,6 +231,10 @@ def tokens_are_asked_for(chromium, folder):
         expect(browser.page.get_by_role("heading", name="No session yet")).to_be_visible()
         browser.open("new")
         expect(browser.page.get_by_text("this token may only read")).to_be_visible()
+        browser.open("settings")
+        expect(browser.page.get_by_role("row", name="2 control")).to_be_visible()
+        text = browser.page.content()
+        check("the settings show no token", read not in text and control not in text)
         browser.open("health")
         browser.page.get_by_role("button", name="Forget it").click()
         browser.page.get_by_label("This daemon wants a token").fill(control)
@@ -245,7 +256,10 @@ def main():
             is_light(chromium, daemon.url)
             is_planned_and_shot(chromium, daemon)
             frames = folder / "sound" / "data" / "sessions" / daemon.session()["id"] / "frames"
+            material.is_fitted_again(chromium, daemon)
+            material.is_verified_and_compared(chromium, daemon)
             every_view_serves_everyone(chromium, daemon)
+            material.other_colours_serve_as_well(chromium, daemon, VIEWS)
             is_queued(chromium, daemon)
             is_stopped(chromium, daemon)
             stop_outlasts_the_daemon(chromium, daemon)

@@ -55,6 +55,11 @@ class Daemon:
         """The newest."""
         return self.call("/v1/sessions?max_page_size=1")["sessions"][0]
 
+    def events(self):
+        """Every record of the newest session so far, from its journal."""
+        journal = self.folder / "data" / "sessions" / self.session()["id"] / "journal.jsonl"
+        return [json.loads(line) for line in journal.read_text().splitlines(keepends=True) if line.endswith("\n")]
+
     def __enter__(self):
         return self
 

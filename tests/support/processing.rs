@@ -1,6 +1,7 @@
 //! Worker steps of the fakes: they note what they are given and do what a test's scripts say.
 
 use super::Fakes;
+use rigd::numerics::fit::solver::Iterate;
 use rigd::pipeline::fit::{FitProgress, OnProgress};
 use rigd::session::adaptive::Weighed;
 use rigd::session::calibration::file::{self, CalibrationFile};
@@ -65,7 +66,8 @@ impl Processing for FakeProcessing {
         if let Some(reason) = self.0.step_script.lock().unwrap()("fit") {
             return Err(reason);
         }
-        if progress(FitProgress { iteration: 1, cost: 2.5 }).is_break() {
+        let at = Iterate { iteration: 1, cost: 2.5, rms: 0.5, points: 10, materials: &[] };
+        if progress(FitProgress::Iteration(at, &|_| None)).is_break() {
             return Err("the fit was cancelled".into());
         }
         self.0.world().fitted.push(job.stations.len());

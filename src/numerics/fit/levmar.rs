@@ -1,6 +1,7 @@
 //! Levenberg-Marquardt with bounds on few unknowns; the problem supplies its normal equations (paper 3.5-3.6).
 
 use nalgebra::{DMatrix, DVector};
+use std::ops::ControlFlow;
 
 /// Normal equations at a point.
 #[derive(Clone, Debug)]
@@ -63,8 +64,22 @@ pub struct Outcome {
     pub iterations: usize,
 }
 
+/// Callback of a search: steps tried so far, unknowns and their cost; it can break off.
+pub type OnStep<'a> = &'a mut dyn FnMut(usize, &DVector<f64>, f64) -> ControlFlow<()>;
+
 /// Minimises `problem` from `start`, which is first moved into the box.
 pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, stop: Stop) -> Outcome {
+    minimise_watched(problem, start, bounds, stop, &mut |_, _, _| ControlFlow::Continue(()))
+}
+
+/// The same; `on_step` looks on, and changes nothing but when it ends.
+pub fn minimise_watched(
+    problem: &dyn Problem,
+    start: &DVector<f64>,
+    bounds: &Bounds,
+    stop: Stop,
+    on_step: OnStep<'_>,
+) -> Outcome {
     let mut x = clamp(start, bounds);
     let mut normal = problem.normal(&x);
     let mut scale: DVector<f64> = DVector::from_element(x.len(), 1e-300);
@@ -103,6 +118,9 @@ pub fn minimise(problem: &dyn Problem, start: &DVector<f64>, bounds: &Bounds, st
             }
         } else {
             lambda *= 10.0;
+        }
+        if on_step(iterations + 1, &x, normal.cost).is_break() {
+            return Outcome { x, cost: normal.cost, converged: false, iterations: iterations + 1 };
         }
     }
     Outcome { x, cost: normal.cost, converged: false, iterations: stop.iterations }

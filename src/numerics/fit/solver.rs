@@ -13,7 +13,7 @@ use super::unknowns::Colour;
 use super::varpro::{Subset, Varpro};
 use super::weights::WeightRule;
 use super::zheng2008::{self, Options};
-use crate::numerics::brdf::Lobe;
+use crate::numerics::brdf::{Lobe, Material};
 use std::ops::ControlFlow;
 
 /// What is asked of a solver.
@@ -31,8 +31,31 @@ pub struct Task {
     pub rule: WeightRule,
 }
 
-/// Callback of a solver: outer iteration and cost; it can break off.
-pub type OnIteration<'a> = &'a mut dyn FnMut(usize, f64) -> ControlFlow<()>;
+/// Where a solver stands after an iteration.
+#[derive(Clone, Copy, Debug)]
+pub struct Iterate<'a> {
+    /// Steps tried so far; of a solver that alternates, its round. A search over all points repeats the last number of the one before.
+    pub iteration: usize,
+    /// Cost of the objective over the points in use.
+    pub cost: f64,
+    /// Root mean square residual in the units of the objective: standard deviations, relative error, or radiance.
+    pub rms: f64,
+    /// Points in use: a search may begin with a few of them.
+    pub points: usize,
+    /// BRDF parameters, not yet in normal form.
+    pub materials: &'a [Material],
+}
+
+impl<'a> Iterate<'a> {
+    /// After `iteration` iterations, with `cost` over all of `observations`.
+    pub fn new(iteration: usize, cost: f64, observations: &Observations, materials: &'a [Material]) -> Self {
+        let residuals = (3 * observations.samples()).max(1) as f64;
+        Self { iteration, cost, rms: (cost / residuals).sqrt(), points: observations.points(), materials }
+    }
+}
+
+/// Callback of a solver: it looks on, and can break off.
+pub type OnIteration<'a> = &'a mut dyn FnMut(Iterate<'_>) -> ControlFlow<()>;
 
 /// Why a solver ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,7 +182,7 @@ pub(crate) mod tests {
         Task { lobe: &Ward, objective, materials, colour: Colour::Coloured, rule: WeightRule::Exact }
     }
 
-    pub(crate) fn go_on(_: usize, _: f64) -> ControlFlow<()> {
+    pub(crate) fn go_on(_: Iterate<'_>) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
 

@@ -152,7 +152,7 @@ mod tests {
     use crate::numerics::fit::objective::Objective;
     use crate::numerics::fit::observations::{Sample, tests::synthetic};
     use crate::numerics::fit::prepared::brightness;
-    use crate::numerics::fit::solver::{Task, by_name};
+    use crate::numerics::fit::solver::{Iterate, Task, by_name};
     use crate::numerics::fit::weights::WeightRule;
     use rand::{SeedableRng, rngs::StdRng};
     use rand_distr::{Distribution, Normal};
@@ -172,7 +172,7 @@ mod tests {
                     let radiance = sample.radiance.map(|i| i * (1.0 + noise.sample(&mut rng)));
                     Some(Sample { radiance, variance: [0.0; 3], ..sample })
                 });
-                let go_on = &mut |_, _| ControlFlow::Continue(());
+                let go_on = &mut |_: Iterate<'_>| ControlFlow::Continue(());
                 let found = by_name("varpro").unwrap().solve(&noisy, &task, go_on).unwrap();
                 let recipe = Recipe { lobe: &Ward, objective, brightness: 1.0 };
                 let errors = uncertainty(&recipe, &found.mixture, Colour::Coloured, Sign::NonNegative, &noisy);

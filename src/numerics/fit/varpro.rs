@@ -13,13 +13,14 @@ use super::levmar::{self, Normal, Problem, Stop};
 use super::observations::Observations;
 use super::prepared::{Prepared, Recipe, brightness};
 use super::sampling::stratified;
-use super::solver::{OnIteration, Refusal, Solution, Solver, Task, Termination};
+use super::solver::{Iterate, OnIteration, Refusal, Solution, Solver, Task, Termination};
 use super::unknowns::{Colour, Unknowns};
 use super::{Mixture, gauge};
 use crate::numerics::brdf::Material;
 use crate::numerics::simd::LANES;
 use nalgebra::DVector;
 use rayon::prelude::*;
+use std::ops::ControlFlow;
 
 /// Roughnesses a search starts from.
 const BETA_STARTS: [f64; 3] = [0.06, 0.15, 0.35];
@@ -72,9 +73,24 @@ impl Problem for Projected<'_> {
 
 /// Minimises the cost over the BRDF parameters from `start`.
 pub fn search(prepared: &Prepared, start: &[Material], colour: Colour, sign: Sign, stop: Stop) -> Found {
+    search_watched(prepared, start, colour, sign, stop, &mut |_, _, _| ControlFlow::Continue(()))
+}
+
+/// The same; `on_step` gets steps tried, BRDF parameters and cost, and can break off.
+fn search_watched(
+    prepared: &Prepared,
+    start: &[Material],
+    colour: Colour,
+    sign: Sign,
+    stop: Stop,
+    on_step: &mut dyn FnMut(usize, &[Material], f64) -> ControlFlow<()>,
+) -> Found {
     let unknowns = Unknowns::new(start, colour);
     let problem = Projected { prepared, unknowns: &unknowns, sign };
-    let outcome = levmar::minimise(&problem, &unknowns.pack(), &unknowns.bounds(), stop);
+    let outcome =
+        levmar::minimise_watched(&problem, &unknowns.pack(), &unknowns.bounds(), stop, &mut |step, x, cost| {
+            on_step(step, &unknowns.unpack(x), cost)
+        });
     Found {
         materials: unknowns.unpack(&outcome.x),
         cost: outcome.cost,
@@ -188,22 +204,27 @@ pub fn descend(
     progress: OnIteration<'_>,
 ) -> AlphaFit {
     let mut found = start;
-    let mut iterations = found.iterations;
-    let mut cancelled = progress(iterations, found.cost).is_break();
-    let mut stage = |prepared: &Prepared, from: &Found, sign: Sign, stop: Stop| {
-        let next = search(prepared, &from.materials, task.colour, sign, stop);
+    let (mut iterations, mut cancelled) = (found.iterations, false);
+    let mut stage = |points: &Observations, prepared: &Prepared, from: &Found, sign: Sign, stop: Stop| {
+        let mut tell = |step: usize, materials: &[Material], cost: f64| {
+            let at = Iterate::new(iterations + step, cost * prepared.unit2, points, materials);
+            cancelled |= progress(at).is_break();
+            if cancelled { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let next = search_watched(prepared, &from.materials, task.colour, sign, stop, &mut tell);
+        // The last step may be taken unseen. Who breaks off here is heard by the next search, or by the caller.
+        let _ = tell(next.iterations, &next.materials, next.cost);
         iterations += next.iterations;
-        cancelled |= progress(iterations, next.cost).is_break();
         next
     };
     let mut medium = Prepared::new(some, recipe);
-    found = stage(&medium, &found, Sign::NonNegative, MEDIUM_STOP);
+    found = stage(some, &medium, &found, Sign::NonNegative, MEDIUM_STOP);
     let (mut sign, mut notes) = (Sign::NonNegative, Vec::new());
     let variance = found.cost / degrees_of_freedom(some, task.materials);
     // A single material's weights are never negative: there is nothing to loosen.
     if task.materials > 1 {
         loosen(&mut medium, &found.materials, variance);
-        let loose = stage(&medium, &found, Sign::Slack, MEDIUM_STOP);
+        let loose = stage(some, &medium, &found, Sign::Slack, MEDIUM_STOP);
         match refusal_of_slack(some, &medium, [&found.materials, &loose.materials]) {
             None => (sign, found) = (Sign::Slack, loose),
             Some(reason) => notes.push(format!("{reason}: the parameters were found with weights >= 0")),
@@ -214,7 +235,8 @@ pub fn descend(
         loosen(&mut whole, &found.materials, variance);
     }
     // Weights with slack converge in few steps; the last digits of a biased optimum are not worth many.
-    found = stage(&whole, &found, sign, if sign == Sign::Slack { FINE_STOP } else { MEDIUM_STOP });
+    let stop = if sign == Sign::Slack { FINE_STOP } else { MEDIUM_STOP };
+    found = stage(observations, &whole, &found, sign, stop);
     found.iterations = iterations;
     AlphaFit { found, sign, cancelled, notes }
 }

@@ -8,7 +8,7 @@ use super::loss::Loss;
 use super::objective::Objective;
 use super::observations::Observations;
 use super::prepared::brightness;
-use super::solver::{OnIteration, Solution, Termination};
+use super::solver::{Iterate, OnIteration, Solution, Termination};
 use super::weights::{WeightRule, solve_weights};
 use super::{Mixture, alpha, gauge};
 use crate::numerics::brdf::Lobe;
@@ -53,7 +53,7 @@ pub fn alternate(
     alpha::solve_alpha(lobe, mixture, objective, observations, alpha_stop).cost
 }
 
-/// Runs the alternation from `start`. `progress` gets the round and the cost; it can break off.
+/// Runs the alternation from `start`. `progress` looks on; it can break off.
 pub fn solve(
     lobe: &dyn Lobe,
     observations: &Observations,
@@ -78,7 +78,7 @@ pub fn solve(
         iterations += 1;
         let gained = (cost - next) / next.max(f64::MIN_POSITIVE);
         cost = next;
-        if progress(iterations, cost).is_break() {
+        if progress(Iterate::new(iterations, cost, observations, &mixture.materials)).is_break() {
             termination = Termination::Cancelled;
             break;
         }
@@ -123,7 +123,7 @@ mod tests {
         gauge::normalise(&mut truth);
         let start = initialise(&Ward, &observations, 2);
         let options = Options { iterations: 1000, relative_decrease: 1e-8, ..Options::new(Objective::RELATIVE) };
-        let solution = solve(&Ward, &observations, start, options, &mut |_, _| ControlFlow::Continue(()));
+        let solution = solve(&Ward, &observations, start, options, &mut |_| ControlFlow::Continue(()));
         for (found, known) in solution.mixture.materials.iter().zip(&truth.materials) {
             assert!((found.beta / known.beta - 1.0).abs() < 0.02, "{found:?} instead of {known:?}");
         }
@@ -136,8 +136,8 @@ mod tests {
         let start = initialise(&Ward, &observations, 2);
         let mut costs = Vec::new();
         let options = Options { iterations: 15, relative_decrease: 0.0, ..Options::new(Objective::NOISE) };
-        solve(&Ward, &observations, start, options, &mut |_, cost| {
-            costs.push(cost);
+        solve(&Ward, &observations, start, options, &mut |at| {
+            costs.push(at.cost);
             ControlFlow::Continue(())
         });
         assert!(costs.windows(2).all(|pair| pair[1] <= pair[0] * (1.0 + 1e-9)), "{costs:?}");
@@ -160,8 +160,8 @@ mod tests {
         let run = |objective: Objective| {
             let start = initialise(&Ward, &observations, 2);
             let mut costs = Vec::new();
-            let solution = solve(&Ward, &observations, start, Options::new(objective), &mut |_, cost| {
-                costs.push(cost);
+            let solution = solve(&Ward, &observations, start, Options::new(objective), &mut |at| {
+                costs.push(at.cost);
                 ControlFlow::Continue(())
             });
             assert!(costs.windows(2).all(|pair| pair[1] <= pair[0] * (1.0 + 1e-6)), "{objective:?} {costs:?}");

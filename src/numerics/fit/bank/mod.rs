@@ -9,7 +9,7 @@ use super::kernel::{self, Sign};
 use super::observations::Observations;
 use super::prepared::Prepared;
 use super::sampling::stratified;
-use super::solver::{OnIteration, Refusal, Solution, Solver, Task};
+use super::solver::{Iterate, OnIteration, Refusal, Solution, Solver, Task};
 use super::varpro::{AlphaFit, Found, finish, recipe};
 use crate::numerics::brdf::{Lobe, Material, ward::Ward};
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ impl Solver for Bank {
         let recipe = recipe(task, observations);
         let some = observations.select(&stratified(observations, task.materials, POINTS));
         let Choice { set, rounds, converged, cancelled } =
-            choose(&Prepared::new(&some, &recipe), task.materials, progress);
+            choose(&some, &Prepared::new(&some, &recipe), task.materials, progress);
         let names: Vec<&str> = set.indices.iter().map(|&index| BANK[index].0).collect();
         let found = Found { materials: set.materials(), cost: set.cost, iterations: rounds, converged };
         let notes = vec![format!("measured materials taken from the bank: {}", names.join(", "))];
@@ -81,7 +81,7 @@ struct Choice {
 
 /// Forward selection, then swaps until none lowers the cost. One set after another gets stuck where two materials stand in
 /// for a third: several are kept at every step.
-fn choose(prepared: &Prepared, materials: usize, progress: OnIteration<'_>) -> Choice {
+fn choose(some: &Observations, prepared: &Prepared, materials: usize, progress: OnIteration<'_>) -> Choice {
     let mut kept = vec![Set { indices: Vec::new(), cost: f64::INFINITY }];
     let (mut converged, mut cancelled, mut rounds) = (false, false, 0);
     while rounds < materials + ROUNDS && !converged && !cancelled {
@@ -90,7 +90,8 @@ fn choose(prepared: &Prepared, materials: usize, progress: OnIteration<'_>) -> C
         kept = best(prepared, trials);
         converged = materials == 1 || rounds >= materials && kept[0].cost >= before;
         rounds += 1;
-        cancelled = progress(rounds, kept[0].cost).is_break();
+        let (cost, taken) = (kept[0].cost * prepared.unit2, kept[0].materials());
+        cancelled = progress(Iterate::new(rounds, cost, some, &taken)).is_break();
     }
     Choice { set: kept.swap_remove(0), rounds, converged, cancelled }
 }

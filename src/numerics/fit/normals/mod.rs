@@ -17,7 +17,7 @@ use super::loss::Loss;
 use super::observations::{Observations, Sample};
 use super::prepared::{Prepared, Recipe};
 use super::sampling::stratified;
-use super::solver::{OnIteration, Refusal, Solution, Solver, Task};
+use super::solver::{Iterate, OnIteration, Refusal, Solution, Solver, Task};
 use super::varpro::{AlphaFit, COARSE, degrees_of_freedom, finish, fit_alpha, recipe, search};
 use crate::numerics::brdf::Material;
 use point::{Pull, Refinement, Turn};
@@ -99,7 +99,8 @@ fn alternate(
         let before = (alpha.found.cost, variance.sqrt());
         alpha.found = search(&prepared, &alpha.found.materials, task.colour, alpha.sign, STOP);
         iterations += alpha.found.iterations;
-        alpha.cancelled = progress(iterations, alpha.found.cost).is_break();
+        let at = Iterate::new(iterations, alpha.found.cost * unit2, observations, &alpha.found.materials);
+        alpha.cancelled = progress(at).is_break();
         variance = variance_of(&turns).unwrap_or(variance);
         pull = pull_of(alpha.found.cost * unit2 / freedom, variance);
         let near = |now: f64, before: f64| (now - before).abs() <= ROUNDS.1 * before;

@@ -94,15 +94,18 @@ pub fn carried(observations: &Observations, materials: usize, colour: Colour, ga
     materials <= observations.points() && materials * of_material + gains <= observations.residuals()
 }
 
+/// Callback of the choice: what was judged, and whether it is the best so far; it can break off.
+pub type OnCandidate<'a> = &'a mut dyn FnMut(&Candidate, bool) -> ControlFlow<()>;
+
 /// Tries what `wishes` leaves open and returns every candidate, one of them taken. Empty when the caller broke off.
 pub fn select(
     observations: &Observations,
     objective: Objective,
     wishes: Wishes,
-    go_on: &mut dyn FnMut() -> ControlFlow<()>,
+    on_candidate: OnCandidate<'_>,
 ) -> Vec<Candidate> {
     let scene = Scene::new(observations, objective);
-    let mut choice = Choice { scene: &scene, tried: Vec::new(), best: 0, go_on };
+    let mut choice = Choice { scene: &scene, tried: Vec::new(), best: 0, on_candidate };
     match choose(&mut choice, wishes) {
         ControlFlow::Continue(()) => choice.finish(),
         ControlFlow::Break(()) => Vec::new(),
@@ -135,7 +138,7 @@ struct Choice<'a> {
     scene: &'a Scene,
     tried: Vec<Candidate>,
     best: usize,
-    go_on: &'a mut dyn FnMut() -> ControlFlow<()>,
+    on_candidate: OnCandidate<'a>,
 }
 
 impl Choice<'_> {
@@ -151,7 +154,7 @@ impl Choice<'_> {
     fn first(&mut self, materials: usize, lobe: &'static dyn Lobe, colour: Colour) -> ControlFlow<()> {
         let candidate = self.scene.evaluate(materials, lobe, colour);
         self.tried.push(candidate);
-        (self.go_on)()
+        (self.on_candidate)(&self.tried[0], true)
     }
 
     /// Tries a candidate; takes it if `accept(candidate, best)`.
@@ -169,7 +172,7 @@ impl Choice<'_> {
             self.tried[self.best].reason = "a later one was taken".to_owned();
             self.best = self.tried.len() - 1;
         }
-        match (self.go_on)() {
+        match (self.on_candidate)(&self.tried[self.tried.len() - 1], accepted) {
             ControlFlow::Continue(()) => ControlFlow::Continue(accepted),
             ControlFlow::Break(()) => ControlFlow::Break(()),
         }
@@ -321,7 +324,7 @@ mod tests {
     const OPEN: Wishes = Wishes { materials: None, lobe: None, colour: None, gains: None };
 
     fn taken(observations: &Observations, wishes: Wishes) -> Candidate {
-        let tried = select(observations, Objective::NOISE, wishes, &mut || ControlFlow::Continue(()));
+        let tried = select(observations, Objective::NOISE, wishes, &mut |_, _| ControlFlow::Continue(()));
         let taken: Vec<&Candidate> = tried.iter().filter(|c| c.taken).collect();
         assert_eq!(taken.len(), 1);
         assert!(tried.iter().all(|c| !c.reason.is_empty()));
