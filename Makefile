@@ -1,6 +1,7 @@
 # make demo: one acquisition on the simulated rig, from the start request to the recovered material.
 # make test: every check and test of the workspace; the first that fails ends the run.
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
+# make guide: every command of docs/guide, run and compared (minutes, not part of make test); make guide-pictures takes its pictures anew.
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
@@ -10,7 +11,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract browser deb deb-check
+	firmware firmware-cross unit-file openapi contract browser guide guide-pictures deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -136,6 +137,14 @@ $(TARGET)/browser/installed: tests/browser/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/browser'
 	@'$(TARGET)/browser/bin/pip' install --quiet --disable-pip-version-check -r tests/browser/requirements.txt
 	@touch '$@'
+
+guide: release
+	$(heading) 'the guide'
+	@python3 tests/guide.py '$(RIGD)'
+
+guide-pictures: release $(TARGET)/browser/installed
+	$(heading) 'pictures of the guide'
+	@'$(TARGET)/browser/bin/python' tests/browser/guide.py '$(RIGD)' docs
 
 deb:
 	$(heading) 'Debian package'

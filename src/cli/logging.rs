@@ -1,7 +1,8 @@
 //! Where the log goes: to systemd's journal, with its fields, where stderr goes there anyway; else to stderr as text.
 
+use super::terminal::has_colours;
 use nix::sys::stat::fstat;
-use std::io::{IsTerminal, stderr};
+use std::io::stderr;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::prelude::*;
 
@@ -19,7 +20,7 @@ pub fn start() {
     tracing_subscriber::fmt()
         .with_writer(stderr)
         // In a file colours are noise.
-        .with_ansi(stderr().is_terminal())
+        .with_ansi(has_colours(&stderr()))
         .with_env_filter(filter)
         // A closed stderr must not become a panic of whoever logs.
         .log_internal_errors(false)
