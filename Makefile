@@ -2,6 +2,7 @@
 # make test: every check and test of the workspace; the first that fails ends the run.
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
 # make exports: what `rigd export` writes, read by the programs it is for (a minute or two; with network the first time).
+# make guide: every command of docs/guide, run and compared (minutes, not part of make test); make guide-pictures takes its pictures anew.
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
@@ -11,7 +12,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract browser exports deb deb-check
+	firmware firmware-cross unit-file openapi contract browser exports guide guide-pictures deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -155,6 +156,14 @@ $(TARGET)/exports/installed: tests/exports/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/exports'
 	@'$(TARGET)/exports/bin/pip' install --quiet --disable-pip-version-check -r tests/exports/requirements.txt
 	@touch '$@'
+
+guide: release
+	$(heading) 'the guide'
+	@python3 tests/guide.py '$(RIGD)'
+
+guide-pictures: release $(TARGET)/browser/installed
+	$(heading) 'pictures of the guide'
+	@'$(TARGET)/browser/bin/python' tests/browser/guide.py '$(RIGD)' docs
 
 deb:
 	$(heading) 'Debian package'

@@ -1,9 +1,9 @@
 //! The `rigd` command.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use rigd::cli::{
-    bench, calibrate, config, demo, doctor, error, export, fit, history, index, logging, merge, notify, queue, relight,
-    render, retention, safe, serve, session, simulate, study, verify,
+    bench, calibrate, completions, config, demo, doctor, error, export, fit, history, index, logging, man, merge,
+    notify, queue, relight, render, retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -46,6 +46,8 @@ enum Command {
     /// Run a simulated device by itself.
     #[command(subcommand)]
     Simulate(Simulate),
+    Completions(completions::Args),
+    Man(man::Args),
 }
 
 #[derive(Subcommand)]
@@ -81,5 +83,7 @@ fn main() -> ExitCode {
         Command::Study(study) => study::run(&study),
         Command::Simulate(Simulate::Arm(args)) => simulate::arm::run(args),
         Command::Simulate(Simulate::Camera(args)) => simulate::camera::run(args),
+        Command::Completions(args) => completions::run(&args, &mut Cli::command()),
+        Command::Man(args) => man::run(&args, Cli::command()),
     })
 }

@@ -4,6 +4,7 @@
 
 use rig_config::{Rig, Shutter, Simulation};
 use rigd::cli::merge::{Merged, merge_folder};
+use rigd::cli::progress::Progress;
 use rigd::cli::simulate::camera::shoot_plan;
 use rigd::devices::Cancel;
 use rigd::devices::camera::{Camera, CameraError, Shot};
@@ -217,7 +218,7 @@ fn developed_bracket_is_the_worlds_radiance() {
 fn a_folder_shot_by_command_merges_by_list_and_by_exif() {
     let (rig, folder) = (rig(), tempfile::tempdir().unwrap());
     let out = folder.path().join("bracket");
-    assert_eq!(shoot_plan(&rig, SIMULATION, Some(2), &out).unwrap(), 10);
+    assert_eq!(shoot_plan(&rig, SIMULATION, Some(2), &out, &Progress::unseen()).unwrap(), 10);
     assert!(out.join("002-00.jpg").is_file() && out.join("002-09.jpg").is_file());
     let by_list = merge_folder(&out).unwrap();
     std::fs::remove_file(out.join("exposures.toml")).unwrap();
@@ -225,9 +226,10 @@ fn a_folder_shot_by_command_merges_by_list_and_by_exif() {
     let radiance = |merged: &Merged| merged.image(Estimator::default()).unwrap().radiance;
     assert_eq!(radiance(&by_list), radiance(&by_exif), "third-stop labels mean the times listed");
 
-    let message = shoot_plan(&rig, SIMULATION, Some(2), &out).unwrap_err().to_string();
+    let message = shoot_plan(&rig, SIMULATION, Some(2), &out, &Progress::unseen()).unwrap_err().to_string();
     assert!(message.contains("not empty"), "{message}");
-    let message = shoot_plan(&rig, SIMULATION, Some(7), &folder.path().join("new")).unwrap_err().to_string();
+    let message =
+        shoot_plan(&rig, SIMULATION, Some(7), &folder.path().join("new"), &Progress::unseen()).unwrap_err().to_string();
     assert!(message.contains("stations 0 to 6"), "{message}");
 }
 

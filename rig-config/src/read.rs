@@ -64,7 +64,7 @@ impl Rig {
         let refuse =
             |what: String| ReadError { origin: origin.clone(), reasons: vec![Reason { key: String::new(), what }] };
         let file = std::fs::File::open(path)
-            .map_err(|e| refuse(format!("cannot be opened ({e}): give the path of a rig file")))?;
+            .map_err(|e| refuse(format!("cannot be opened ({e}): give the path of a rig file; `rigd config show simulated > rig.toml` writes one to start from")))?;
         let mut bytes = Vec::new();
         file.take(LARGEST_FILE + 1)
             .read_to_end(&mut bytes)

@@ -1,8 +1,9 @@
 //! `rigd bench`: what fits cost on this machine.
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
 use crate::study::bench::photographs::FULL_SIZE;
 use crate::study::bench::{self, Entry, Plan, Section, merging, rendering};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Measure what fits cost on this machine, in processor time, and print the table.
@@ -26,6 +27,9 @@ pub struct Args {
     /// Let sizes grow to a hundred million samples; those that do not fit in memory are left out, and the table says so.
     #[arg(long)]
     pub long: bool,
+    /// Print an array, a row of bench.csv each, and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Other tables.
@@ -46,6 +50,9 @@ pub struct MergeArgs {
     /// How often each thing is measured.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub repeats: u16,
+    /// Print an array, an object a figure, and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `rigd bench render`.
@@ -54,15 +61,47 @@ pub struct RenderArgs {
     /// How often each thing is measured.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub repeats: u16,
+    /// Print an array, an object a figure, and nothing else.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A time with its bar, seconds.
+fn record(cost: &merging::Cost) -> Value {
+    let (times, bar) = (cost.times, cost.bar);
+    let (most, goal) = (bar.map(|bar| bar.most_s), bar.map(|bar| bar.goal_s));
+    json!({
+        "work": cost.work, "clock": if cost.wall { "wall" } else { "processor" }, "repeats": times.repeats,
+        "best_s": times.best_s, "median_s": times.median_s, "bar_s": most, "goal_s": goal,
+    })
 }
 
 fn run_render(args: &RenderArgs) -> anyhow::Result<()> {
+    if args.json {
+        let mut records = Vec::new();
+        rendering::run(rendering::SIZE, usize::from(args.repeats), &mut |cost| {
+            records.push(record(cost));
+            Ok(())
+        })?;
+        return print_json(&records);
+    }
     print_line(rendering::heading(rendering::SIZE))?;
     Ok(rendering::run(rendering::SIZE, usize::from(args.repeats), &mut |cost| print_line(cost.line()))?)
 }
 
 fn run_merge(args: &MergeArgs) -> anyhow::Result<()> {
     make(&args.out)?;
+    if args.json {
+        let mut records = Vec::new();
+        merging::run(FULL_SIZE, usize::from(args.repeats), &args.out, &mut |finding| {
+            records.push(match finding {
+                merging::Finding::Time(cost) => record(cost),
+                merging::Finding::Memory { work, peak_bytes } => json!({ "work": work, "peak_bytes": peak_bytes }),
+            });
+            Ok(())
+        })?;
+        return print_json(&records);
+    }
     print_line(merging::heading(FULL_SIZE))?;
     let told = &mut |finding: &merging::Finding| print_line(merging::line(finding));
     Ok(merging::run(FULL_SIZE, usize::from(args.repeats), &args.out, told)?)
@@ -81,6 +120,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let plan = if args.long { Plan::long(repeats) } else { Plan::short(repeats) };
     let mut section: Option<Section> = None;
     let entries = bench::run(&plan, &mut |entry: &Entry| {
+        if args.json {
+            return Ok(());
+        }
         if section != Some(entry.section) {
             let gap = if section.is_some() { "\n" } else { "" };
             print_line(format_args!("{gap}{}", bench::heading(entry.section)))?;
@@ -88,8 +130,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         print_line(bench::line(entry))
     })?;
+    if let Some(out) = &args.out {
+        bench::write(out, &entries)?;
+    }
+    if args.json {
+        return print_json(&bench::table(&entries).records());
+    }
     let Some(out) = &args.out else { return Ok(()) };
-    bench::write(out, &entries)?;
     print_line(format_args!("\nbench.csv, growth.svg, growth.png in {}", out.display()))?;
     Ok(())
 }

@@ -6,6 +6,7 @@ pub mod truth;
 
 use super::daemon::Daemon;
 use super::error::print_line;
+use super::progress::Progress;
 use super::serve::runtime;
 use super::session::{Client, how_it_ended, watch};
 use crate::session::plan::StartRequest;
@@ -92,8 +93,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             let first = args.calibrate && index == 0;
             let demonstrated = move || {
                 let calibrated = if first { Some(calibrated(&rig.0, &url)?) } else { None };
-                let verdict = acquire(ball, &rig.0, &url)?;
-                Ok(Demonstrated { recovered: verdict.recovered(), calibrated })
+                let (verdict, page) = acquire(ball, &rig.0, &url)?;
+                Ok(Demonstrated { recovered: verdict.recovered(), calibrated, page: (ball, page) })
             };
             let shot = tokio::task::spawn_blocking(demonstrated);
             let verdict = tokio::select! {
@@ -107,9 +108,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             }
         }
         say(format!("{:.0} s in all", begin.elapsed().as_secs_f64()));
-        if args.keep && verdicts.iter().all(Result::is_ok) {
-            say("the daemons keep running; Ctrl-C ends them");
+        let pages: Vec<&(Ball, String)> = verdicts.iter().flatten().map(|shown| &shown.page).collect();
+        if args.keep && pages.len() == verdicts.len() {
+            show(&pages, args.calibrate);
             interrupt.recv().await;
+        } else if !args.keep {
+            say("with --keep the daemon stays, and its page shows the result");
         }
         for daemon in daemons {
             daemon.stop().await?;
@@ -129,6 +133,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 struct Demonstrated {
     recovered: bool,
     calibrated: Option<bool>,
+    page: (Ball, String),
 }
 
 /// Calibrates and prints the comparison; whether its limits hold.
@@ -139,6 +144,17 @@ fn calibrated(rig: &Rig, url: &str) -> anyhow::Result<bool> {
     let _ = compared.print(&mut std::io::stdout().lock());
     say(format!("calibrated in {:.0} s", begin.elapsed().as_secs_f64()));
     Ok(compared.holds())
+}
+
+/// Where to look, last of all, so that it is seen. Of two calibrated balls the last one's daemon runs and knows both.
+fn show(pages: &[&(Ball, String)], one_daemon: bool) {
+    say("\nopen the result in a browser:");
+    let last = pages.last().map_or("", |(_, page)| page.split('#').next().unwrap_or_default());
+    for (ball, page) in pages {
+        let view = page.split_once('#').map_or("", |(_, view)| view);
+        say(format!("  {:7} {}", ball.name(), if one_daemon { format!("{last}#{view}") } else { page.clone() }));
+    }
+    say("Ctrl-C ends it");
 }
 
 /// A line for whoever reads along; the demo goes on, and cleans up, without a reader.
@@ -165,13 +181,13 @@ fn rig(ball: Ball, args: &Args) -> anyhow::Result<(Rig, String)> {
     }
 }
 
-/// One acquisition over REST, from the start request to the comparison.
-fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<Verdict> {
+/// One acquisition over REST, from the start request to the comparison; and the address at which the daemon's page shows it.
+fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<(Verdict, String)> {
     let client = Client::new(url, None)?;
     let request = StartRequest { name: Some(format!("simulated {} ball", ball.name())), ..StartRequest::default() };
     let started = client.start(&request)?;
     say(format!("{} ball: {} frames, session {} at {url}", ball.name(), started.frames_planned, started.id));
-    let ended = watch(&client, &started.id)?;
+    let ended = watch(&client, &started.id, &Progress::counted("frames"))?;
     if ended.state != SessionState::Completed {
         bail!("session {} {}", started.id, how_it_ended(&ended));
     }
@@ -182,6 +198,6 @@ fn acquire(ball: Ball, rig: &Rig, url: &str) -> anyhow::Result<Verdict> {
     let relight_limit = if hidden { RELIGHT_LIMIT_CALIBRATED } else { RELIGHT_LIMIT };
     let verdict = compare(rig, &stored, error, (ball.papers_error(), relight_limit))?;
     let _ = verdict.print(&mut std::io::stdout().lock());
-    say(format!("result in {}\nweb page  {url}/ (stays open with --keep)", directory.display()));
-    Ok(verdict)
+    say(format!("result in {}", directory.display()));
+    Ok((verdict, format!("{url}/#/results/{}", started.id)))
 }

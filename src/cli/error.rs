@@ -2,8 +2,10 @@
 
 use super::merge::MergeInputError;
 use super::session::ClientError;
+use super::terminal::Tone;
 use crate::store::files::escaped;
 use rig_config::ReadError;
+use serde::Serialize;
 use std::error::Error;
 use std::fmt::Display;
 use std::io::{self, ErrorKind, Write};
@@ -24,10 +26,35 @@ pub fn exit_code(outcome: anyhow::Result<()>) -> ExitCode {
     let Err(error) = outcome else { return ExitCode::SUCCESS };
     let status = status(&error);
     if status != 0 {
+        let mut err = io::stderr();
         // Nothing can be done about a closed stderr.
-        let _ = writeln!(io::stderr(), "error: {}", printable(&format!("{error:#}")));
+        let _ = writeln!(err, "{} {}", Tone::Bad.err("error:"), printable(&format!("{error:#}")));
+        if let Some(hint) = hint(&error) {
+            let _ = writeln!(err, "{} {hint}", Tone::Advice.err("hint:"));
+        }
     }
     ExitCode::from(status)
+}
+
+/// What to do next, where the error is one that a command line can mend.
+fn hint(error: &anyhow::Error) -> Option<&'static str> {
+    error.chain().find_map(|cause| cause.downcast_ref::<ClientError>()?.hint())
+}
+
+/// Says on stderr what is worth knowing beside the result.
+pub fn warn(warnings: &[String]) {
+    for warning in warnings {
+        // Nothing can be done about a closed stderr.
+        let _ = writeln!(io::stderr(), "{} {}", Tone::Doubtful.err("warning:"), escaped(warning));
+    }
+}
+
+/// Prints a value as JSON.
+///
+/// # Errors
+/// stdout is closed or full.
+pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+    Ok(print_line(serde_json::to_string_pretty(value)?)?)
 }
 
 /// Names of files and lines of broken ones come into messages: their control characters must not reach the terminal.

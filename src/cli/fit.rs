@@ -1,14 +1,16 @@
 //! `rigd fit`: fits a dataset directory, no daemon needed.
 
-use super::error::bad_input;
+use super::error::{bad_input, print_json};
+use super::progress::Progress;
+use super::terminal::Tone;
 use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, cpu_seconds, fit};
 use crate::pipeline::options::{AUTO, models, solvers};
 use crate::pipeline::report::{Identified, Parameter};
 use crate::store::{dataset, result};
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Fit a material to a dataset directory (dataset.toml beside its images).
 #[derive(clap::Args)]
@@ -85,38 +87,28 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     // Found out before the fit, not after it.
     let inputs = dataset::inputs(&args.dataset).map_err(bad_input)?;
     result::make_ready(&args.out, &inputs).map_err(bad_input)?;
-    let bar = progress_bar(args.json);
-    let mut on_progress = |progress: FitProgress<'_>| {
-        if let FitProgress::Iteration(at, _) = progress {
-            bar.set_message(format!("iteration {}, cost {:.6e}", at.iteration, at.cost));
+    let progress = Progress::stages_unless(args.json);
+    progress.stage("fitting: the number of materials and the model are sought first, unless they are given");
+    let mut on_progress = |now: FitProgress<'_>| {
+        if let FitProgress::Iteration(at, _) = now {
+            progress.detail(format!("iteration {}, cost {:.6e}", at.iteration, at.cost));
         }
         ControlFlow::Continue(())
     };
     let fitted = fit(&data, &options, &mut on_progress);
-    bar.finish_and_clear();
+    progress.end();
     let mut fitted = fitted.map_err(|error| match error {
         FitError::Input(_) => bad_input(format!("{}: {error}", args.dataset.display())),
         FitError::Cancelled | FitError::Threads(_) => error.into(),
     })?;
     fitted.report.add_load(load.as_secs_f64(), cpu_load);
     result::write(&args.out, &fitted)?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&fitted.report)?)?;
-    } else {
-        print_summary(&mut out, &fitted)?;
-        writeln!(out, "result in {}", args.out.display())?;
+        return print_json(&fitted.report);
     }
-    Ok(())
-}
-
-fn progress_bar(quiet: bool) -> indicatif::ProgressBar {
-    if quiet || !std::io::stderr().is_terminal() {
-        return indicatif::ProgressBar::hidden();
-    }
-    let bar = indicatif::ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
+    let mut out = std::io::stdout().lock();
+    print_summary(&mut out, &fitted)?;
+    Ok(writeln!(out, "result in {}", args.out.display())?)
 }
 
 fn percent(error: Option<f64>) -> String {
@@ -206,7 +198,7 @@ pub fn print_summary(out: &mut impl Write, fitted: &FitResult) -> std::io::Resul
         writeln!(out, "note: {note}")?;
     }
     for warning in &report.warnings {
-        writeln!(out, "warning: {warning}")?;
+        writeln!(out, "{} {warning}", Tone::Doubtful.out("warning:"))?;
     }
     Ok(())
 }

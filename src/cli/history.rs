@@ -1,9 +1,9 @@
 //! `rigd history`: questions over all runs of a data directory, answered by its index, with a daemon or without one.
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
+use super::table::{Side, Table, here, percent, state, with_reason};
 use super::verify::runs;
 use crate::session::state::SessionState;
-use crate::store::files::escaped;
 use crate::store::index::{FitRow, FrameRow, Reader, Rows, RunRow, Wanted};
 use anyhow::Context;
 use jiff::civil::Date;
@@ -74,14 +74,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.json {
         let told = |mut rows: Rows| Told { run: rows.id, facts: rows.run, fit: rows.fits.pop(), frames: rows.frames };
         let told: Vec<Told> = found.into_iter().map(told).collect();
-        return Ok(print_line(serde_json::to_string_pretty(&told)?)?);
+        return print_json(&told);
     }
     if found.is_empty() {
         return Ok(print_line("nothing of that kind")?);
     }
-    print_line(line(["started", "run", "kind", "state", "frames", "cal.", "error", "name"].map(str::to_owned)))?;
-    found.iter().try_for_each(show)?;
-    Ok(())
+    let words = ["started", "run", "kind", "state"].map(|name| (name, Side::Left));
+    let [started, run, kind, state] = words;
+    let [frames, calibration, error] = ["frames", "cal.", "error"].map(|name| (name, Side::Right));
+    let mut table = Table::new([started, run, kind, state, frames, calibration, error, ("name", Side::Left)]);
+    found.iter().for_each(|rows| show(&mut table, rows));
+    Ok(table.print()?)
 }
 
 /// Beginning of a date, `days` later, or the time that is written.
@@ -119,33 +122,23 @@ fn tell_what_is_missing(index: &Reader, data: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn line([started, run, kind, state, frames, calibration, error, name]: [String; 8]) -> String {
-    format!("{started:16}  {run:36}  {kind:11}  {state:11}  {frames:>9}  {calibration:>4}  {error:>7}  {name}")
-}
-
-fn show(rows: &Rows) -> std::io::Result<()> {
+fn show(table: &mut Table<8>, rows: &Rows) {
     let run = &rows.run;
-    let started = run
-        .started
-        .parse::<Timestamp>()
-        .map(|time| time.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M").to_string());
     let error = rows.fits.last().and_then(|fit| fit.mean_relative_error);
     let why = run.fault.as_ref().map(|fault| format!("damaged journal: {fault}")).or(run.reason.clone());
-    print_line(line([
-        started.unwrap_or_else(|_| escaped(&run.started)),
-        rows.id.clone(),
-        run.kind.clone(),
-        run.state.clone(),
-        format!("{}/{}", run.frames_committed, run.frames_planned),
-        run.calibration_version.map(|version| version.to_string()).unwrap_or_default(),
-        error.map(|error| format!("{:.2} %", 100.0 * error)).unwrap_or_default(),
-        escaped(&run.name) + &why.map(|why| format!("  ({})", escaped(&why))).unwrap_or_default(),
-    ]))?;
-    rows.frames.iter().try_for_each(|frame| {
-        let FrameRow { file, station, exposure, attempt, shutter, state, .. } = frame;
-        let (file, shutter) = (escaped(file), escaped(shutter));
-        print_line(format!(
-            "  frame {file}: station {station}, exposure {exposure} ({shutter} s), attempt {attempt}, {state}"
-        ))
-    })
+    table.row([
+        here(&run.started).into(),
+        rows.id.as_str().into(),
+        run.kind.as_str().into(),
+        state(&run.state),
+        format!("{}/{}", run.frames_committed, run.frames_planned).into(),
+        run.calibration_version.map(|version| version.to_string()).unwrap_or_default().into(),
+        percent(error).into(),
+        with_reason(&run.name, why.as_deref()).into(),
+    ]);
+    for FrameRow { file, station, exposure, attempt, shutter, state, .. } in &rows.frames {
+        table.below(&format!(
+            "frame {file}: station {station}, exposure {exposure} ({shutter} s), attempt {attempt}, {state}"
+        ));
+    }
 }

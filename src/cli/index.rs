@@ -1,6 +1,6 @@
 //! `rigd index`: the index of a data directory, without a daemon.
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
 use crate::session::index::{RebuildError, rebuild};
 use crate::store::StoreError;
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
@@ -14,6 +14,9 @@ pub enum Index {
     Rebuild {
         /// The data directory.
         data: PathBuf,
+        /// Print what is in it as JSON and nothing else.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -22,7 +25,7 @@ pub enum Index {
 /// # Errors
 /// No data directory, a daemon that has it, or a disk that takes no index.
 pub fn run(command: &Index) -> anyhow::Result<()> {
-    let Index::Rebuild { data } = command;
+    let Index::Rebuild { data, json } = command;
     if ![SESSIONS, CALIBRATIONS].iter().any(|shelf| data.join(shelf).is_dir()) {
         return Err(bad_input(format!("{}: no data directory: name that of rigd serve", data.display())));
     }
@@ -32,6 +35,11 @@ pub fn run(command: &Index) -> anyhow::Result<()> {
         }
         other => other.into(),
     })?;
+    if *json {
+        return print_json(&serde_json::json!({
+            "runs": rebuilt.runs, "frames": rebuilt.frames, "fits": rebuilt.fits, "left_out": rebuilt.left_out,
+        }));
+    }
     for reason in &rebuilt.left_out {
         print_line(format!("left out: {reason}"))?;
     }

@@ -1,11 +1,12 @@
 //! Where the log goes: to systemd's journal, with its fields, where stderr goes there anyway; else to stderr as text. Its last lines stay
 //! in memory as well, for `GET /v1/log`.
 
+use super::terminal::has_colours;
 use crate::http::LogTail;
 use jiff::Timestamp;
 use nix::sys::stat::fstat;
 use std::fmt::{Debug, Write};
-use std::io::{IsTerminal, stderr};
+use std::io::stderr;
 use std::sync::{Arc, LazyLock};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
@@ -38,7 +39,7 @@ pub fn start() {
     let text = tracing_subscriber::fmt::layer()
         .with_writer(stderr)
         // In a file colours are noise.
-        .with_ansi(stderr().is_terminal())
+        .with_ansi(has_colours(&stderr()))
         // A closed stderr must not become a panic of whoever logs.
         .log_internal_errors(false)
         .with_filter(filter());

@@ -5,7 +5,8 @@ mod list;
 mod raw;
 
 use super::calibrate::response::{summary, times_table};
-use super::error::print_line;
+use super::error::{print_json, print_line};
+use super::progress::Progress;
 use super::target::Target;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::bracket::{Bracket, PairTest};
@@ -18,6 +19,7 @@ use crate::pipeline::calibration::response::{Calibrated, Method, ResponseCalibra
 use crate::pipeline::develop::{BracketFrame, read_bracket};
 use corrections::{Corrections, Merge, Rows, check_dark};
 use list::{Folder, Frame};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Merge the frames of a folder to linear radiance: response and HDR.
@@ -33,6 +35,9 @@ pub struct Args {
     /// How samples are weighed: inverse-variance, poisson, debevec or robertson (raw frames: the first two).
     #[arg(long, default_value = Estimator::InverseVariance.name(), value_parser = estimator)]
     pub estimator: Estimator,
+    /// Print what was measured and written as JSON and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn estimator(name: &str) -> Result<Estimator, String> {
@@ -54,18 +59,32 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let folder = list::read(&args.dir)?;
     let out = args.out.unwrap_or_else(|| args.dir.join("radiance.exr"));
     let target = Target::new(&out, "exr", &folder.inputs(&args.dir)).map_err(MergeInputError)?;
+    let progress = Progress::stages_unless(args.json);
     if folder.is_raw(&args.dir)? {
-        return raw::run(&args.dir, folder, args.estimator, &target);
+        return raw::run(&args.dir, folder, (args.estimator, args.json), &target, &progress);
     }
+    progress.stage(&format!("reading and measuring {} frames", folder.frames.len()));
     let merged = merge(&args.dir, folder)?;
     let merger = merged.merger(args.estimator);
     let merge = |first: usize, strip: &mut RadianceImage| merger.strip(first, strip);
     let rows = merged.rows(&merge)?;
     let unit = "level 128 is reached after 1 / radiance seconds".to_owned();
     let table = times_table(&merged.calibration.exposures, &merged.calibration.reference);
-    let written = target.write(|path| rows.write(path, &attributes(args.estimator, table, unit)))?;
-    let written = format!("{written}wrote {}", target.path().display());
-    Ok(print_line(merged.summary() + &written)?)
+    progress.stage("merging");
+    let valid = target.write(|path| rows.write(path, &attributes(args.estimator, table, unit)))?;
+    progress.end();
+    if args.json {
+        let size = (merged.bracket.width(), merged.bracket.height());
+        let measured = ("calibration", serde_json::to_value(&merged.calibration)?);
+        return print_json(&record(&target, merged.bracket.exposures().len(), size, valid, measured));
+    }
+    Ok(print_line(format!("{}{}wrote {}", merged.summary(), rows.told(valid), target.path().display()))?)
+}
+
+/// What was merged, and under a name what was measured on the frames.
+fn record(target: &Target, frames: usize, size: (usize, usize), valid: f64, measured: (&str, Value)) -> Value {
+    let (out, (width, height), (name, measured)) = (target.path(), size, measured);
+    json!({ "out": out, "frames": frames, "width": width, "height": height, "valid_share": valid, name: measured })
 }
 
 /// What the file says of its pixels.

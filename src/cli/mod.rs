@@ -1,6 +1,7 @@
 //! Commands: the composition root. The only place that knows both the simulated and the real devices.
 pub mod bench;
 pub mod calibrate;
+pub mod completions;
 pub mod config;
 pub mod daemon;
 pub mod demo;
@@ -11,9 +12,11 @@ pub mod fit;
 pub mod history;
 pub mod index;
 pub mod logging;
+pub mod man;
 pub mod merge;
 pub mod notify;
 mod on_rig;
+pub mod progress;
 pub mod queue;
 pub mod relight;
 pub mod render;
@@ -23,5 +26,7 @@ pub mod serve;
 pub mod session;
 pub mod simulate;
 pub mod study;
+mod table;
 mod target;
+mod terminal;
 pub mod verify;

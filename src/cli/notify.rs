@@ -1,7 +1,7 @@
 //! `rigd notify`: whether messages arrive.
 
 use super::daemon::notify::targets;
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
 use super::serve::read_rig;
 use crate::notify::{Message, Patience};
 use std::path::PathBuf;
@@ -12,6 +12,9 @@ pub struct Args {
     /// Rig file.
     #[arg(long)]
     config: PathBuf,
+    /// Print an array, an object a target, and nothing else.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command; fails when a message is not taken.
@@ -24,11 +27,20 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if targets.is_empty() {
         return Err(bad_input(format!("{}: has no [notify]: there is nobody to tell", args.config.display())));
     }
-    let (message, mut refused) = (Message::test(&rig.name), 0);
+    let (message, mut refused, mut told) = (Message::test(&rig.name), 0, Vec::new());
     for target in &targets {
         let outcome = target.send(&message, limit);
         refused += usize::from(outcome.is_err());
-        print_line(format!("{}: {}", target.kind(), outcome.err().unwrap_or_else(|| "taken".into())))?;
+        if args.json {
+            told.push(
+                serde_json::json!({ "target": target.kind(), "taken": outcome.is_ok(), "reason": outcome.err() }),
+            );
+        } else {
+            print_line(format!("{}: {}", target.kind(), outcome.err().unwrap_or_else(|| "taken".into())))?;
+        }
+    }
+    if args.json {
+        print_json(&told)?;
     }
     if refused > 0 {
         anyhow::bail!("{refused} of {} did not take the message", targets.len());

@@ -1,7 +1,8 @@
 //! `rigd queue ...`: sessions that wait for their turn.
 
-use super::error::print_line;
+use super::error::{print_json, print_line};
 use super::session::{AdaptiveArgs, Connection};
+use super::table::{Side, Table, here, with_reason};
 use crate::session::handle::{QueueRequest, QueueSnapshot, QueuedSession};
 use crate::session::plan::StartRequest;
 use clap::{Args, Subcommand};
@@ -11,6 +12,9 @@ use clap::{Args, Subcommand};
 pub struct QueueArgs {
     #[command(flatten)]
     connection: Connection,
+    /// Print the daemon's answer as JSON and nothing else.
+    #[arg(long, global = true)]
+    json: bool,
     #[command(subcommand)]
     command: QueueCommand,
 }
@@ -41,11 +45,7 @@ enum QueueCommand {
         hold_on_failure: bool,
     },
     /// List what waits, with the times to be expected.
-    List {
-        /// Print the queue as JSON and nothing else.
-        #[arg(long)]
-        json: bool,
-    },
+    List,
     /// Take an entry out; a run of it that goes on is not ended.
     Remove { id: String },
     /// Make an entry the next one; one that was refused is tried again.
@@ -61,23 +61,29 @@ enum QueueCommand {
 /// # Errors
 /// No daemon, a refusal, or a stdout that takes nothing.
 pub fn run(args: QueueArgs) -> anyhow::Result<()> {
-    let client = args.connection.client()?;
+    let (client, json) = (args.connection.client()?, args.json);
     match args.command {
         QueueCommand::Add { name, calibration, adaptive, runs, not_before, every, hold_on_failure } => {
             let session = StartRequest { name, calibration, adaptive: adaptive.request(), ..StartRequest::default() };
             let request = QueueRequest { session, runs, not_before, every_s: every, hold_on_failure };
-            Ok(print_line(client.enqueue(&request)?.entry.id)?)
+            let queued = client.enqueue(&request)?;
+            if json { print_json(&queued) } else { Ok(print_line(queued.entry.id)?) }
         }
-        QueueCommand::List { json: true } => Ok(print_line(serde_json::to_string_pretty(&client.queue()?)?)?),
-        QueueCommand::List { json: false } => show(&client.queue()?),
-        QueueCommand::Remove { id } => Ok(client.dequeue(&id)?),
-        QueueCommand::First { id } => show(&client.queue_first(&id)?),
-        QueueCommand::Hold => show(&client.hold_queue(true)?),
-        QueueCommand::Release => show(&client.hold_queue(false)?),
+        QueueCommand::List => show(&client.queue()?, json),
+        QueueCommand::Remove { id } => {
+            client.dequeue(&id)?;
+            if json { print_json(&client.queue()?) } else { Ok(()) }
+        }
+        QueueCommand::First { id } => show(&client.queue_first(&id)?, json),
+        QueueCommand::Hold => show(&client.hold_queue(true)?, json),
+        QueueCommand::Release => show(&client.hold_queue(false)?, json),
     }
 }
 
-fn show(queue: &QueueSnapshot) -> anyhow::Result<()> {
+fn show(queue: &QueueSnapshot, json: bool) -> anyhow::Result<()> {
+    if json {
+        return print_json(queue);
+    }
     if let Some(reason) = &queue.held {
         print_line(format!("held ({reason}): `rigd queue release` lets it go on"))?;
     }
@@ -85,24 +91,38 @@ fn show(queue: &QueueSnapshot) -> anyhow::Result<()> {
         print_line(format!("waits ({reason}): `rigd queue release` tries at once"))?;
     }
     if queue.entries.is_empty() {
-        print_line("nothing waits")?;
+        return Ok(print_line("nothing waits")?);
     }
-    queue.entries.iter().try_for_each(|queued| Ok(print_line(line(queued))?))
+    let mut table = Table::new([
+        ("entry", Side::Left),
+        ("started", Side::Right),
+        ("from", Side::Left),
+        ("to", Side::Left),
+        ("GB", Side::Right),
+        ("name", Side::Left),
+    ]);
+    queue.entries.iter().for_each(|queued| row(&mut table, queued));
+    Ok(table.print()?)
 }
 
-/// An entry in one line.
-fn line(queued: &QueuedSession) -> String {
+/// An entry, and below it why it cannot be planned or started.
+fn row(table: &mut Table<6>, queued: &QueuedSession) {
     let entry = &queued.entry;
+    let time = |time: &Option<String>| time.as_deref().map(here).unwrap_or_default();
+    let gigabytes = queued.estimated_bytes.map(|bytes| format!("{:.2}", bytes as f64 / 1e9)).unwrap_or_default();
     let name = entry.request.session.name.as_deref().unwrap_or("the rig file's name");
-    let when = match (&queued.estimated_start, &queued.estimated_end) {
-        (Some(start), Some(end)) => format!("{start} to {end}"),
-        _ if entry.left() == 0 => "no more runs to start".into(),
-        _ => "cannot be planned as the rig is".into(),
-    };
-    let gigabytes = queued.estimated_bytes.map(|bytes| format!("  {:.2} GB", bytes as f64 / 1e9)).unwrap_or_default();
-    let refused = entry.refused.as_ref().map(|why| format!("  (refused: {why})")).unwrap_or_default();
-    format!(
-        "{}  {} of {} runs started  {when}{gigabytes}  {name}{refused}",
-        entry.id, entry.started, entry.request.runs
-    )
+    let refused = entry.refused.as_ref().map(|why| format!("refused: {why}"));
+    table.row([
+        entry.id.as_str().into(),
+        format!("{}/{}", entry.started, entry.request.runs).into(),
+        time(&queued.estimated_start).into(),
+        time(&queued.estimated_end).into(),
+        gigabytes.into(),
+        with_reason(name, refused.as_deref()).into(),
+    ]);
+    if entry.left() == 0 {
+        table.below("no more runs to start");
+    } else if queued.estimated_start.is_none() {
+        table.below("cannot be planned as the rig is");
+    }
 }

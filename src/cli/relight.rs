@@ -1,6 +1,7 @@
 //! `rigd relight`: the radiance images a fitted material sends under the lights of a dataset.
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
+use super::progress::Progress;
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
 use crate::pipeline::relight::relight;
@@ -19,6 +20,9 @@ pub struct Args {
     /// Where to write one EXR a light; a file of the result or of the dataset is never written over.
     #[arg(long)]
     pub out: PathBuf,
+    /// Print the files that were written, a light each, as JSON and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Runs the command.
@@ -45,6 +49,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     inputs.extend(result::inputs(&args.result));
     files::make_ready(&args.out, names.iter().map(String::as_str), &inputs).map_err(at_path).map_err(bad_input)?;
     let materials = stored.material.materials();
+    let progress = Progress::counted_unless(args.json, "images");
     for ((index, light), name) in geometry.lights.iter().enumerate().zip(&names) {
         let radiance = relight(lobe, &materials, &stored.weights, &geometry, &light.light);
         if let Some(pixel) = radiance.pixels.iter().position(|p| !p.iter().all(|v| v.is_finite())) {
@@ -66,6 +71,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let path = unfinished.path(name);
         exr::write_radiance(&path, &image, (0, 0), (geometry.width, geometry.height), &about)?;
         unfinished.finish().map_err(at_path).map_err(anyhow::Error::msg)?;
+        progress.count(index + 1, names.len());
+    }
+    progress.end();
+    if args.json {
+        let file = |(light, name): (&_, &String)| serde_json::json!({ "light": light, "file": args.out.join(name) });
+        let files: Vec<_> = geometry.lights.iter().map(|light| &light.name).zip(&names).map(file).collect();
+        return print_json(&files);
     }
     Ok(print_line(format!("{} images in {}", geometry.lights.len(), args.out.display()))?)
 }

@@ -5,7 +5,8 @@ mod response;
 
 pub use arguments::Args;
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
+use super::progress::Progress;
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::render::camera::{Camera, View};
@@ -50,12 +51,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         materials: &stored.material.materials(),
         light: &args.light.light(),
     };
+    let progress = Progress::stages_unless(args.json);
+    progress.stage("rendering");
     let picture = render(&scene, &camera, usize::from(args.samples));
+    progress.end();
     check_finite(&picture)?;
     if !picture.seen.pixels.contains(&true) {
         return Err(bad_input("nothing of the mesh is in the picture: change --camera, --look-at or --field"));
     }
     write(args, picture, &found)?;
+    if args.json {
+        return print_json(&serde_json::json!({
+            "files": FILES.map(|name| args.out.join(name)), "triangles": mesh.triangles(), "without_area": mesh.dropped(),
+            "textured": mesh.is_textured(), "patch": { "x": patch.x, "y": patch.y, "side": args.patch },
+            "exposure_s": args.exposure, "response": found.name,
+        }));
+    }
     Ok(print_line(summary(args, &mesh, patch, &found))?)
 }
 

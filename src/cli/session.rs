@@ -2,28 +2,34 @@
 mod adaptive;
 mod client;
 mod connection;
+mod failure;
 mod watch;
 
 pub use adaptive::AdaptiveArgs;
-pub use client::{Client, ClientError};
+pub use client::Client;
 pub use connection::Connection;
+pub use failure::ClientError;
 pub use watch::watch;
 
-use super::error::print_line;
+use super::error::{print_json, print_line, warn};
+use super::progress::Progress;
+use super::table::{Side, Table, here, percent, state, with_reason};
+use super::terminal::Tone;
 use crate::session::handle::SessionSnapshot;
 use crate::session::plan::StartRequest;
 use crate::session::state::{SessionState, Verb};
-use crate::store::files::escaped;
 use anyhow::bail;
 use clap::{Args, Subcommand};
-use serde::Serialize;
-use std::io::{self, Write};
+use client::Frame;
 
 /// Start, follow and steer acquisitions of a running daemon.
 #[derive(Args, Debug)]
 pub struct SessionArgs {
     #[command(flatten)]
     connection: Connection,
+    /// Print the daemon's answer as JSON and nothing else; of a session that is followed, its end.
+    #[arg(long, global = true)]
+    json: bool,
     #[command(subcommand)]
     command: SessionCommand,
 }
@@ -51,6 +57,8 @@ enum SessionCommand {
     List,
     /// Print a session as JSON.
     Show { id: String },
+    /// List the frames of a session.
+    Frames { id: String },
     /// Follow a session to its end.
     Watch { id: String },
     /// Pause at the next safe point.
@@ -68,7 +76,7 @@ enum SessionCommand {
 /// # Errors
 /// No daemon, a refusal, a session that ended badly, or a stdout that takes nothing.
 pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
-    let client = args.connection.client()?;
+    let (client, json) = (args.connection.client()?, args.json);
     match &args.command {
         SessionCommand::Start { name, calibration, adaptive, dry_run, watch } => {
             let (name, calibration, adaptive) = (name.clone(), calibration.clone(), adaptive.request());
@@ -77,35 +85,95 @@ pub fn run(args: &SessionArgs) -> anyhow::Result<()> {
                 return print_json(&client.plan(&request)?);
             }
             let started = client.start(&request)?;
-            print_line(&started.id)?;
-            warn_of(&started.warnings);
-            if *watch { follow(&client, &started.id) } else { Ok(()) }
+            match (json, *watch) {
+                (true, false) => print_json(&started)?,
+                (true, true) => {}
+                (false, _) => {
+                    print_line(&started.id)?;
+                    warn(&started.warnings);
+                }
+            }
+            if *watch { follow(&client, &started.id, json) } else { Ok(()) }
         }
-        SessionCommand::List => client.list()?.iter().try_for_each(|session| Ok(print_line(line(session))?)),
+        SessionCommand::List if json => print_json(&client.list()?),
+        SessionCommand::List => list(&client.list()?),
         SessionCommand::Show { id } => print_json(&client.session(id)?),
-        SessionCommand::Watch { id } => follow(&client, id),
-        SessionCommand::Pause { id } => command(&client, id, Verb::Pause),
-        SessionCommand::Resume { id } => command(&client, id, Verb::Resume),
-        SessionCommand::Stop { id } => command(&client, id, Verb::Stop),
-        SessionCommand::Abort { id } => command(&client, id, Verb::Abort),
+        SessionCommand::Frames { id } if json => print_json(&client.frames(id)?),
+        SessionCommand::Frames { id } => frames(&client.frames(id)?),
+        SessionCommand::Watch { id } => follow(&client, id, json),
+        SessionCommand::Pause { id } => command(&client, id, Verb::Pause, json),
+        SessionCommand::Resume { id } => command(&client, id, Verb::Resume, json),
+        SessionCommand::Stop { id } => command(&client, id, Verb::Stop, json),
+        SessionCommand::Abort { id } => command(&client, id, Verb::Abort, json),
     }
 }
 
-/// What to know before the night, beside the answer.
-pub(super) fn warn_of(warnings: &[String]) {
-    for warning in warnings {
-        // Nothing can be done about a closed stderr.
-        let _ = writeln!(io::stderr(), "warning: {}", escaped(warning));
+fn command(client: &Client, id: &str, verb: Verb, json: bool) -> anyhow::Result<()> {
+    let session = client.command(id, verb)?;
+    if json { print_json(&session) } else { Ok(print_line(line(&session))?) }
+}
+
+fn list(sessions: &[SessionSnapshot]) -> anyhow::Result<()> {
+    if sessions.is_empty() {
+        return Ok(print_line("no session yet: `rigd session start` starts the rig file's plan")?);
     }
+    let mut table = Table::new([
+        ("session", Side::Left),
+        ("started", Side::Left),
+        ("state", Side::Left),
+        ("frames", Side::Right),
+        ("error", Side::Right),
+        ("name", Side::Left),
+    ]);
+    for s in sessions {
+        table.row([
+            s.id.as_str().into(),
+            here(&s.started).into(),
+            state(&s.state.to_string()),
+            format!("{}/{}", s.frames_committed, s.frames_planned).into(),
+            percent(s.mean_relative_error).into(),
+            with_reason(&s.name, s.reason.as_deref()).into(),
+        ]);
+    }
+    Ok(table.print()?)
 }
 
-fn command(client: &Client, id: &str, verb: Verb) -> anyhow::Result<()> {
-    Ok(print_line(line(&client.command(id, verb)?))?)
+fn frames(frames: &[Frame]) -> anyhow::Result<()> {
+    if frames.is_empty() {
+        return Ok(print_line("no frame yet")?);
+    }
+    let numbers = ["station", "exposure", "shutter s", "bytes"].map(|name| (name, Side::Right));
+    let [station, exposure, shutter, bytes] = numbers;
+    let mut table = Table::new([station, exposure, shutter, bytes, ("state", Side::Left), ("file", Side::Left)]);
+    for frame in frames {
+        table.row([
+            frame.station.to_string().into(),
+            frame.exposure.to_string().into(),
+            frame.shutter.as_str().into(),
+            frame.bytes.to_string().into(),
+            frame.state.as_str().into(),
+            frame.file.as_str().into(),
+        ]);
+    }
+    Ok(table.print()?)
 }
 
-fn follow(client: &Client, id: &str) -> anyhow::Result<()> {
-    let ended = watch(client, id)?;
-    print_line(line(&ended))?;
+/// Fails when the session ends in another way than `completed` or `stopped`.
+fn follow(client: &Client, id: &str, json: bool) -> anyhow::Result<()> {
+    let ended = watch(client, id, &Progress::counted_unless(json, "frames"))?;
+    if json {
+        print_json(&ended)?;
+    } else {
+        tell(&ended)?;
+    }
+    if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
+        bail!("session {id} {}", how_it_ended(&ended));
+    }
+    Ok(())
+}
+
+fn tell(ended: &SessionSnapshot) -> anyhow::Result<()> {
+    print_line(line(ended))?;
     if let Some(budget) = &ended.time_budget {
         print_line(format!("time: {budget}"))?;
     }
@@ -115,10 +183,7 @@ fn follow(client: &Client, id: &str) -> anyhow::Result<()> {
     if ended.interruptions > 0 {
         print_line(format!("interrupted and gone on: {} times", ended.interruptions))?;
     }
-    warn_of(&ended.warnings);
-    if !matches!(ended.state, SessionState::Completed | SessionState::Stopped) {
-        bail!("session {id} {}", how_it_ended(&ended));
-    }
+    warn(&ended.warnings);
     Ok(())
 }
 
@@ -138,15 +203,11 @@ fn line(s: &SessionSnapshot) -> String {
         "{}  {}  {}  {}/{} frames  {}{}{}",
         s.id,
         s.started,
-        s.state,
+        Tone::of_state(&s.state.to_string()).out(s.state),
         s.frames_committed,
         s.frames_planned,
         s.name,
         error.unwrap_or_default(),
         reason.unwrap_or_default()
     )
-}
-
-fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
-    Ok(print_line(serde_json::to_string_pretty(value)?)?)
 }

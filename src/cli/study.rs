@@ -1,6 +1,7 @@
 //! `rigd study`: how fast, how accurate and how stable the solvers are.
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
+use super::progress::Progress;
 use crate::numerics::fit::objective::Objective;
 use crate::numerics::fit::observations::Observations;
 use crate::numerics::fit::quality::judge_all;
@@ -14,7 +15,6 @@ use crate::study::merge;
 use crate::study::speed::{self, Photographs};
 use crate::study::stability;
 use anyhow::Context;
-use indicatif::ProgressBar;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -62,6 +62,9 @@ pub struct MergeArgs {
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Print an array, a row of the table each, and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// How much of a study, and where to.
@@ -76,6 +79,9 @@ pub struct Extent {
     /// The long form.
     #[arg(long)]
     pub long: bool,
+    /// Print an array, a row of the table each, and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `rigd study speed`.
@@ -95,7 +101,19 @@ pub fn run(study: &Study) -> anyhow::Result<()> {
         Study::Stability(args) => run_stability(args),
         Study::Accuracy(args) => run_accuracy(args),
         Study::Lights(args) => run_lights(args),
-        Study::Merge(args) => Ok(print_line(merge::table(&merge::run((2000, 100), args.seed)?).trim_end())?),
+        Study::Merge(args) => run_merge(args),
+    }
+}
+
+fn run_merge(args: &MergeArgs) -> anyhow::Result<()> {
+    let progress = Progress::stages_unless(args.json);
+    progress.stage("merging simulated brackets");
+    let scores = merge::run((2000, 100), args.seed)?;
+    progress.end();
+    if args.json {
+        print_json(&merge::records(&scores).records())
+    } else {
+        Ok(print_line(merge::table(&scores).trim_end())?)
     }
 }
 
@@ -104,23 +122,35 @@ fn run_accuracy(args: &Extent) -> anyhow::Result<()> {
     let points = (!args.long).then_some(3000);
     let plan = accuracy::Plan { points, seeds, flagged: if args.long { 500 } else { 35 } };
     make(&args.out)?;
+    let progress = Progress::stages_unless(args.json);
+    progress.stage("fitting scenes of known truth");
     let bars = accuracy::run(&plan);
+    progress.end();
+    accuracy::write(&args.out, &bars).with_context(|| format!("{}: accuracy.csv", args.out.display()))?;
+    if args.json {
+        return print_json(&accuracy::table(&bars).records());
+    }
     for bar in &bars {
         let (value, range) = (bar.value, bar.range());
         print_line(format_args!("{:<64} {value:>10.4}  {range:<12} {}", bar.name, bar.verdict()))?;
     }
-    accuracy::write(&args.out, &bars).with_context(|| format!("{}: accuracy.csv", args.out.display()))
+    Ok(())
 }
 
 fn run_lights(args: &Extent) -> anyhow::Result<()> {
     let (pictures, scale) = if args.long { (20, 1.0) } else { (3, 0.25) };
     make(&args.out)?;
+    let progress = Progress::stages_unless(args.json);
+    progress.stage("measuring light positions of known truth");
     let cases = lights::run(&lights::Plan { seeds: args.seeds.unwrap_or(200), pictures, scale });
-    super::error::print_line(
-        "seen                      noise px  circle   rms mm  worst mm  in 95 % ellipsoid  solved",
-    )?;
+    progress.end();
+    lights::write(&args.out, &cases).with_context(|| format!("{}: lights.csv", args.out.display()))?;
+    if args.json {
+        return print_json(&lights::table(&cases).records());
+    }
+    print_line("seen                      noise px  circle   rms mm  worst mm  in 95 % ellipsoid  solved")?;
     for case in &cases {
-        super::error::print_line(format_args!(
+        print_line(format_args!(
             "{:<24} {:>9} {:>7} {:>8.2} {:>9.2} {:>16.1} % {:>7}",
             case.name,
             case.highlight_px,
@@ -131,7 +161,7 @@ fn run_lights(args: &Extent) -> anyhow::Result<()> {
             case.solved
         ))?;
     }
-    lights::write(&args.out, &cases).with_context(|| format!("{}: lights.csv", args.out.display()))
+    Ok(())
 }
 
 fn run_speed(args: &SpeedArgs) -> anyhow::Result<()> {
@@ -139,10 +169,13 @@ fn run_speed(args: &SpeedArgs) -> anyhow::Result<()> {
     plan.seeds = args.extent.seeds.unwrap_or(plan.seeds);
     plan.photographs = args.photographs.as_deref().map(photographs).transpose()?;
     make(&args.extent.out)?;
-    let bar = ProgressBar::new(0);
-    let measured = speed::run(&plan, &mut |done, total| show(&bar, done, total))?;
-    bar.finish_and_clear();
+    let progress = Progress::counted_unless(args.extent.json, "fits");
+    let measured = speed::run(&plan, &mut |done, total| progress.count(done, total))?;
+    progress.end();
     speed::write(&args.extent.out, &measured)?;
+    if args.extent.json {
+        return print_json(&speed::table(&measured).records());
+    }
     print_line(format_args!("speed.csv, speed.svg, speed.png in {}", args.extent.out.display()))?;
     Ok(())
 }
@@ -156,10 +189,13 @@ fn run_stability(args: &Extent) -> anyhow::Result<()> {
         warnings: &warnings,
     };
     make(&args.out)?;
-    let bar = ProgressBar::new(0);
-    let cells = stability::run(&plan, &|done, total| show(&bar, done, total));
-    bar.finish_and_clear();
+    let progress = Progress::counted_unless(args.json, "fits");
+    let cells = stability::run(&plan, &|done, total| progress.count(done, total));
+    progress.end();
     stability::write(&args.out, &plan, &cells)?;
+    if args.json {
+        return print_json(&stability::table(&plan, &cells).records());
+    }
     let names = "stability.csv, stability-relight and stability-failures (svg, png)";
     print_line(format_args!("{names} in {}", args.out.display()))?;
     Ok(())
@@ -168,11 +204,6 @@ fn run_stability(args: &Extent) -> anyhow::Result<()> {
 fn make(directory: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(directory)
         .with_context(|| format!("{}: give a directory that can be made", directory.display()))
-}
-
-fn show(bar: &ProgressBar, done: usize, total: usize) {
-    bar.set_length(total as u64);
-    bar.set_position(done as u64);
 }
 
 /// What the report of a fit would warn of.

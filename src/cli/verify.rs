@@ -1,6 +1,7 @@
 //! `rigd verify`: is what lies on disk still what was committed?
 
-use super::error::{bad_input, print_line};
+use super::error::{bad_input, print_json, print_line};
+use super::terminal::Tone;
 use crate::session::index::{CheckError, check};
 use crate::session::verify::{Verified, examine, write_down};
 use crate::store::RealDisk;
@@ -51,7 +52,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let found: Vec<Found> = all.iter().map(|run| with_index(checked(run), run)).collect();
     if args.json {
-        print_line(serde_json::to_string_pretty(&found)?)?;
+        print_json(&found)?;
     } else {
         found.iter().try_for_each(show)?;
     }
@@ -102,8 +103,9 @@ fn checked(run: &Path) -> Verified {
 
 fn show(found: &Found) -> std::io::Result<()> {
     let run = &found.run;
-    let verdict = if run.faults.is_empty() { "sound" } else { "NOT SOUND" };
-    print_line(format!("{}  {}  {} records, {} frames: {verdict}", run.id, run.state, run.records, run.frames))?;
+    let verdict = if run.faults.is_empty() { Tone::Good.out("sound") } else { Tone::Bad.out("NOT SOUND") };
+    let (id, records, frames) = (&run.id, run.records, run.frames);
+    print_line(format!("{id}  {:11}  {records:>5} records, {frames:>4} frames: {verdict}", run.state))?;
     run.faults.iter().chain(&found.index_faults).try_for_each(|fault| print_line(format!("  {fault}")))?;
     found.notes.iter().try_for_each(|note| print_line(format!("  note: {note}")))
 }

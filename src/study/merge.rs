@@ -3,6 +3,7 @@
 //! The camera is written for this study alone: photon noise of an 80 000 e- well, 30 e- of read noise, 12 bits from black 128 to
 //! white 3692, then 8 bits through the curve of sRGB, as they are or as a JPEG of the finest setting. The curve is known to all.
 
+use super::csv;
 use crate::numerics::image::{Image, RadianceImage};
 use crate::numerics::radiometry::bracket::{Bracket, BracketError, Exposure};
 use crate::numerics::radiometry::merge::{Estimator, Merger};
@@ -215,6 +216,22 @@ fn errors(truth: &Image<[f64; 3]>, image: &RadianceImage, valid: &Image<bool>) -
     }
     let n = count as f64;
     ((squares / n).sqrt(), sum / n, n / (3 * truth.pixels.len()) as f64)
+}
+
+/// The scores as a table; the errors are relative.
+pub fn records(scores: &[Score]) -> csv::Table {
+    let row = |score: &Score| {
+        vec![
+            score.storage.name().to_owned(),
+            score.estimator.to_owned(),
+            RANGES[score.range].0.to_owned(),
+            score.rms.to_string(),
+            score.bias.to_string(),
+            score.valid.to_string(),
+        ]
+    };
+    let columns = &["storage", "estimator", "range", "rms_error", "mean_error", "valid_share"];
+    csv::Table { columns, rows: scores.iter().map(row).collect() }
 }
 
 /// The table for people: relative rms error in percent (bias in brackets, and excess over the oracle) by range.

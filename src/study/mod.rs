@@ -4,7 +4,7 @@ pub mod accuracy;
 pub mod bench;
 pub mod chart;
 pub mod clock;
-mod csv;
+pub mod csv;
 pub mod forward;
 pub mod lights;
 pub mod merge;

@@ -14,7 +14,7 @@ pub enum Calibrate {
     /// The settle time of the arm of a running daemon: how long it swings after a move.
     Settle(settle::Settle),
     /// Calibrations of a running daemon, newest first.
-    List(super::session::Connection),
+    List(run::List),
     /// One of them as JSON.
     Show(run::Show),
     /// Focal length, principal point and distortion from photographs of a chessboard.

@@ -1,7 +1,8 @@
 //! `rigd calibrate run|list|show`: calibrations of a running daemon, step by step on the terminal.
 
-use crate::cli::error::print_line;
+use crate::cli::error::{print_json, print_line};
 use crate::cli::session::{Client, ClientError, Connection};
+use crate::cli::table::{Side, Table, here, state, with_reason};
 use crate::session::handle::{CalibrationRequest, CalibrationSnapshot, Kind, Verdict};
 use crate::session::state::{SessionState, Verb};
 use anyhow::bail;
@@ -22,12 +23,25 @@ pub struct Run {
     name: Option<String>,
 }
 
+/// List the calibrations of a running daemon, newest first.
+#[derive(Clone, Debug, clap::Args)]
+pub struct List {
+    #[command(flatten)]
+    daemon: Connection,
+    /// Print an array and nothing else.
+    #[arg(long)]
+    json: bool,
+}
+
 /// Print a calibration as JSON: what was measured if it is complete, else where it stands.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Show {
     #[command(flatten)]
     daemon: Connection,
     id: String,
+    /// JSON is all that it prints; for scripts that say so everywhere.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Pause between two looks at a run that shoots.
@@ -141,16 +155,33 @@ fn end(now: &CalibrationSnapshot) -> String {
 ///
 /// # Errors
 /// No daemon, or a stdout that takes nothing.
-pub fn list(daemon: &Connection) -> anyhow::Result<()> {
-    for run in daemon.client()?.calibrations()? {
-        let reason = run.reason.map(|reason| format!("  ({reason})")).unwrap_or_default();
-        let steps = format!("{}/{} steps", run.steps_accepted, run.steps);
-        print_line(format!(
-            "{}  {}  {}  {}  {steps}  {}{reason}",
-            run.version, run.id, run.started, run.state, run.name
-        ))?;
+pub fn list(args: &List) -> anyhow::Result<()> {
+    let runs = args.daemon.client()?.calibrations()?;
+    if args.json {
+        return print_json(&runs);
     }
-    Ok(())
+    if runs.is_empty() {
+        return Ok(print_line("no calibration yet: `rigd calibrate run` makes one")?);
+    }
+    let mut table = Table::new([
+        ("no.", Side::Right),
+        ("started", Side::Left),
+        ("calibration", Side::Left),
+        ("state", Side::Left),
+        ("steps", Side::Right),
+        ("name", Side::Left),
+    ]);
+    for run in runs {
+        table.row([
+            run.version.to_string().into(),
+            here(&run.started).into(),
+            run.id.as_str().into(),
+            state(&run.state.to_string()),
+            format!("{}/{}", run.steps_accepted, run.steps).into(),
+            with_reason(&run.name, run.reason.as_deref()).into(),
+        ]);
+    }
+    Ok(table.print()?)
 }
 
 /// Runs `rigd calibrate show`.
@@ -164,5 +195,5 @@ pub fn show(args: &Show) -> anyhow::Result<()> {
         SessionState::Completed => client.calibration_result(&args.id)?,
         _ => serde_json::to_value(run)?,
     };
-    Ok(print_line(serde_json::to_string_pretty(&value)?)?)
+    print_json(&value)
 }

@@ -1,7 +1,8 @@
 //! `rigd calibrate settle`: has a running daemon measure the settle time of its arm.
 
 use super::run::LOOK_EVERY;
-use crate::cli::error::print_line;
+use crate::cli::error::{print_json, print_line};
+use crate::cli::progress::Progress;
 use crate::cli::session::Connection;
 use crate::numerics::settle::ABOVE_NOISE;
 use crate::session::handle::{CalibrationRequest, Kind, SettleFile};
@@ -22,6 +23,9 @@ pub struct Settle {
     /// Shutter label of its frames (1/8, 0.4, 2); the middle one of the plan's bracket if left out.
     #[arg(long)]
     exposure: Option<String>,
+    /// Print what was measured as JSON and nothing else.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs it.
@@ -33,9 +37,13 @@ pub fn run(args: &Settle) -> anyhow::Result<()> {
     let request = CalibrationRequest { name: args.name.clone(), kind: Kind::Settle, exposure: args.exposure.clone() };
     let started = client.start_calibration(&request)?;
     let (id, frames) = (started.id, started.frames_planned);
-    print_line(format!("calibration {} ({id}): {frames} frames", started.version))?;
+    if !args.json {
+        print_line(format!("calibration {} ({id}): {frames} frames", started.version))?;
+    }
+    let progress = Progress::counted_unless(args.json, "frames");
     loop {
         let now = client.calibration(&id)?;
+        progress.count(now.frames_committed, frames);
         match now.state {
             SessionState::Completed => break,
             state if state.is_final() => {
@@ -44,8 +52,9 @@ pub fn run(args: &Settle) -> anyhow::Result<()> {
             _ => std::thread::sleep(LOOK_EVERY),
         }
     }
+    progress.end();
     let file: SettleFile = serde_json::from_value(client.calibration_result(&id)?)?;
-    Ok(print_line(told(&file))?)
+    if args.json { print_json(&file) } else { Ok(print_line(told(&file))?) }
 }
 
 /// The result for people.

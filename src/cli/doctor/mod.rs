@@ -5,8 +5,9 @@ pub mod data;
 mod devices;
 
 use super::daemon;
-use super::error::print_line;
+use super::error::{print_json, print_line};
 use super::on_rig::OnRig;
+use super::terminal::Tone;
 use crate::devices::inspect::{Finding, Grade, Host};
 use crate::store::RealDisk;
 use crate::store::files::escaped;
@@ -81,18 +82,19 @@ fn examine(host: &Host, rig: &Rig) -> anyhow::Result<Vec<Finding>> {
 
 fn print(findings: &[Finding], json: bool) -> anyhow::Result<()> {
     if json {
-        return Ok(print_line(serde_json::to_string_pretty(findings)?)?);
+        return print_json(&findings);
     }
     for Finding { grade, what, place, remedy } in findings {
-        let grade = match grade {
-            Grade::Ok => "ok",
-            Grade::Warning => "warning",
-            Grade::Error => "error",
+        let (grade, tone) = match grade {
+            Grade::Ok => ("ok", Tone::Good),
+            Grade::Warning => ("warning", Tone::Doubtful),
+            Grade::Error => ("error", Tone::Bad),
         };
+        let grade = tone.out(format!("{grade:8}"));
         // Names of devices and programs are other people's: their control characters must not reach the terminal.
-        print_line(format!("{grade:8} {}: {}", escaped(place), escaped(what)))?;
+        print_line(format!("{grade} {}: {}", escaped(place), escaped(what)))?;
         if let Some(remedy) = remedy {
-            print_line(format!("{:8} -> {}", "", escaped(remedy)))?;
+            print_line(format!("{:8} {}", "", Tone::Advice.out(format!("-> {}", escaped(remedy)))))?;
         }
     }
     Ok(())

@@ -123,8 +123,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Writes all rows; gives what a person wants to know of them, a line each.
-    pub fn write(&self, out: &Path, attributes: &[(&str, String)]) -> Result<String, ExrError> {
+    /// Writes all rows; gives the share of the pixels that are valid.
+    pub fn write(&self, out: &Path, attributes: &[(&str, String)]) -> Result<f64, ExrError> {
         let (width, height) = self.size;
         let (mut strip, mut valid) = (RadianceImage::empty(width, STRIP_ROWS), 0);
         let place = Place { origin: (0, 0), full: self.size, size: self.size };
@@ -133,8 +133,12 @@ impl<'a> Rows<'a> {
             let inside = STRIP_ROWS.min(height - first) * width;
             valid += strip.valid.pixels[..inside].iter().filter(|valid| **valid).count();
         })?;
-        let share = 100.0 * valid as f64 / (width * height) as f64;
-        Ok(format!("{}{share:.1} % valid\n", self.lamp_summary()))
+        Ok(valid as f64 / (width * height) as f64)
+    }
+
+    /// What a person wants to know of the rows that were written, a line each.
+    pub fn told(&self, valid: f64) -> String {
+        format!("{}{:.1} % valid\n", self.lamp_summary(), 100.0 * valid)
     }
 
     fn lamp_summary(&self) -> String {

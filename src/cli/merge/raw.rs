@@ -2,9 +2,10 @@
 
 use super::corrections::{Corrections, Rows, check_dark_radiance};
 use super::list::{Folder, Frame};
-use super::{MergeInputError, attributes, refuse, same_size};
+use super::{MergeInputError, attributes, record, refuse, same_size};
 use crate::cli::calibrate::response::times_table;
-use crate::cli::error::print_line;
+use crate::cli::error::{print_json, print_line};
+use crate::cli::progress::Progress;
 use crate::cli::target::Target;
 use crate::numerics::image::RadianceImage;
 use crate::numerics::radiometry::dark::Dark;
@@ -19,8 +20,15 @@ use std::path::Path;
 /// Read noise this far from what the table says, as a factor, is worth a word.
 const SURPRISING: f64 = 1.5;
 /// Merges the raw files, writes the EXR and says on stdout what was found.
-pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, target: &Target) -> anyhow::Result<()> {
+pub(super) fn run(
+    dir: &Path,
+    folder: Folder,
+    (estimator, json): (Estimator, bool),
+    target: &Target,
+    progress: &Progress,
+) -> anyhow::Result<()> {
     let Folder { frames, dark, flat, reference } = folder;
+    progress.stage(&format!("reading and measuring {} raw frames", frames.len()));
     // First the corrections, so that their frames have left the memory when the bracket comes.
     let corrections = Corrections { dark: dark_of(dir, &dark)?, flat: flat_of(dir, &flat)?, reference };
     let shot = read(dir, &frames)?;
@@ -39,8 +47,16 @@ pub(super) fn run(dir: &Path, folder: Folder, estimator: Estimator, target: &Tar
     let rows = Rows::new(&corrections, &merge, size).map_err(|e| refuse(dir, e))?;
     let table = times_table(&times.exposures, &times.reference);
     let unit = format!("a photosite saturates after 1 / radiance seconds at ISO {iso}");
-    let written = target.write(|path| rows.write(path, &attributes(estimator, table.clone(), unit)))?;
-    let written = format!("{written}wrote {}", target.path().display());
+    progress.stage("merging");
+    let valid = target.write(|path| rows.write(path, &attributes(estimator, table.clone(), unit)))?;
+    progress.end();
+    if json {
+        let times = serde_json::json!({
+            "exposures": times.exposures, "reference": times.reference, "warnings": times.warnings,
+        });
+        return print_json(&record(target, bracket.frames().len(), size, valid, ("times", times)));
+    }
+    let written = format!("{}wrote {}", rows.told(valid), target.path().display());
     let mut found = format!("{} raw frames, {}x{} pixels\n{shot_with}{table}", bracket.frames().len(), size.0, size.1);
     times.warnings.iter().for_each(|warning| found += &format!("warning: {warning}\n"));
     Ok(print_line(found + &corrections.summary() + &written)?)

@@ -39,6 +39,9 @@ pub struct Args {
     /// Rays a pixel, each way: 3 takes nine, and edges are smoother.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=8))]
     pub samples: u8,
+    /// Print what was rendered and written as JSON and nothing else.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// From where the mesh is seen.

@@ -1,14 +1,14 @@
 //! The daemon's REST surface as calls.
 
-use crate::http::Problem;
+use super::failure::ClientError;
 use crate::notify::trusting;
 use crate::session::handle::{
     CalibrationRequest, CalibrationSnapshot, QueueRequest, QueueSnapshot, QueuedSession, SessionSnapshot,
 };
 use crate::session::plan::{CapturePlan, StartRequest};
 use crate::session::state::Verb;
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
 use std::time::Duration;
 use ureq::http::{Response, Uri};
@@ -19,56 +19,6 @@ use ureq::{Agent, Body, RequestBuilder};
 const ANSWER: Duration = Duration::from_secs(30);
 /// Longest silence of an event stream: the daemon says something every 15 s.
 const SILENCE: Duration = Duration::from_secs(45);
-
-/// Why a call failed.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientError {
-    /// What was asked for cannot be an address or id.
-    #[error("{0}")]
-    Usage(String),
-    /// The daemon refused.
-    #[error("{}", describe(.0))]
-    Refused(Box<Problem>),
-    /// No connection, or it broke.
-    #[error("no answer from {base}: is the daemon running, and --url right?")]
-    Unreachable {
-        /// The daemon's address.
-        base: String,
-        /// What happened.
-        source: Box<ureq::Error>,
-    },
-    /// Something answered that is no rigd of this version.
-    #[error("{base} answered what this client does not understand ({what}): is it a rigd of the same version?")]
-    Foreign {
-        /// The address.
-        base: String,
-        /// What was wrong.
-        what: String,
-    },
-}
-
-impl ClientError {
-    /// True when what was asked for is wrong, false when the daemon or the rig cannot do it now.
-    pub fn is_bad_input(&self) -> bool {
-        match self {
-            Self::Usage(_) => true,
-            Self::Refused(problem) => matches!(problem.status, 400 | 401 | 403 | 404 | 413 | 415 | 421 | 422),
-            Self::Unreachable { .. } | Self::Foreign { .. } => false,
-        }
-    }
-}
-
-fn describe(problem: &Problem) -> String {
-    match (&problem.reasons, &problem.allowed) {
-        (Some(reasons), _) if reasons.len() > 1 => format!("{}:\n  {}", problem.title, reasons.join("\n  ")),
-        (_, Some(allowed)) if allowed.is_empty() => format!("{}; nothing more can be asked of it", problem.detail),
-        (_, Some(allowed)) => {
-            let verbs: Vec<_> = allowed.iter().map(Verb::to_string).collect();
-            format!("{}; possible now: {}", problem.detail, verbs.join(", "))
-        }
-        _ => problem.detail.clone(),
-    }
-}
 
 /// Calls one daemon.
 pub struct Client {
@@ -81,6 +31,31 @@ pub struct Client {
 #[derive(Deserialize)]
 struct CalibrationList {
     calibrations: Vec<CalibrationSnapshot>,
+}
+
+#[derive(Deserialize)]
+struct FrameList {
+    frames: Vec<Frame>,
+}
+
+/// A frame of a session, as far as people want to see it; the rest is kept.
+#[derive(Debug, Deserialize, Serialize)]
+pub struct Frame {
+    /// Station, from 0.
+    pub station: usize,
+    /// Exposure of the bracket, from 0.
+    pub exposure: usize,
+    /// File in `frames/` of the session's directory.
+    pub file: String,
+    /// Label of the shutter time.
+    pub shutter: String,
+    /// Size of the file.
+    pub bytes: u64,
+    /// `committed`, or `superseded` by a later attempt.
+    pub state: String,
+    /// What else the daemon says of it.
+    #[serde(flatten)]
+    pub more: serde_json::Map<String, serde_json::Value>,
 }
 
 fn check_id(id: &str, what: &str) -> Result<(), ClientError> {
@@ -182,6 +157,15 @@ impl Client {
     /// As for [`Client::plan`].
     pub fn session(&self, id: &str) -> Result<SessionSnapshot, ClientError> {
         self.read(self.get(self.of_session(id, "")?).call())
+    }
+
+    /// Every frame of a session: `station`, `exposure`, `file`, `blake3`, `bytes`, `shutter`, `state`.
+    ///
+    /// # Errors
+    /// As for [`Client::plan`].
+    pub fn frames(&self, id: &str) -> Result<Vec<Frame>, ClientError> {
+        let list: FrameList = self.read(self.get(self.of_session(id, "/frames")?).call())?;
+        Ok(list.frames)
     }
 
     /// Material and report of a completed session.
@@ -368,18 +352,5 @@ mod tests {
         let error = Client::new(&format!("http://127.0.0.1:{port}"), None).unwrap().list().unwrap_err();
         assert!(!error.is_bad_input());
         assert!(error.to_string().contains("is the daemon running"), "{error}");
-    }
-
-    #[test]
-    fn a_problem_becomes_one_message() {
-        let problem = |extra: serde_json::Value| {
-            let mut body =
-                serde_json::json!({"type": "t", "title": "The plan is refused", "status": 422, "detail": "d"});
-            body.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
-            describe(&serde_json::from_value(body).unwrap())
-        };
-        assert_eq!(problem(serde_json::json!({})), "d");
-        assert_eq!(problem(serde_json::json!({"reasons": ["a", "b"]})), "The plan is refused:\n  a\n  b");
-        assert_eq!(problem(serde_json::json!({"allowed": ["stop", "abort"]})), "d; possible now: stop, abort");
     }
 }

@@ -3,13 +3,13 @@
 
 mod eos;
 
-use crate::cli::error::{bad_input, print_line};
+use crate::cli::error::{bad_input, print_json, print_line};
+use crate::cli::progress::Progress;
 use crate::devices::Cancel;
 use crate::devices::camera::{Camera, Shot};
 use crate::sim::camera::{CameraFaults, SimulatedCamera};
 use crate::sim::pose::{Pose, SharedPose};
 use anyhow::Context;
-use indicatif::{ProgressBar, ProgressStyle};
 use rig_config::{Rig, Scene, Simulation};
 use std::fmt::Write;
 use std::fs;
@@ -37,6 +37,9 @@ pub struct Args {
     /// Shoot this station of the plan only, from 0.
     #[arg(long, value_name = "N")]
     station: Option<usize>,
+    /// Print the folder and the number of frames as JSON and nothing else.
+    #[arg(long, conflicts_with = "serve")]
+    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -63,15 +66,25 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     match (args.serve, args.out) {
         (Some(port), _) => eos::serve(&rig, &simulation, args.station, port, args.arm_link.as_deref()),
         (None, Some(out)) => {
-            let frames = shoot_plan(&rig, simulation, args.station, &out)?;
+            let progress = Progress::counted_unless(args.json, "frames");
+            let frames = shoot_plan(&rig, simulation, args.station, &out, &progress)?;
+            if args.json {
+                return print_json(&serde_json::json!({ "out": out, "frames": frames }));
+            }
             Ok(print_line(format!("{frames} frames in {}", out.display()))?)
         }
         (None, None) => Err(bad_input("give --out DIR or --serve PORT")),
     }
 }
 
-/// Shoots every exposure of the plan's stations, or of `station` alone, into `out`; returns the number of frames.
-pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out: &Path) -> anyhow::Result<usize> {
+/// Shoots every exposure of the plan's stations, or of `station` alone, into `out`, and tells `progress`; returns the number of frames.
+pub fn shoot_plan(
+    rig: &Rig,
+    simulation: Simulation,
+    station: Option<usize>,
+    out: &Path,
+    progress: &Progress,
+) -> anyhow::Result<usize> {
     let plan = &rig.plan;
     let stations = match station {
         Some(n) if n < plan.stations_deg.len() => n..n + 1,
@@ -87,8 +100,7 @@ pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out
     let pose = SharedPose::default();
     let at_once = Simulation { speed: f64::INFINITY, ..simulation };
     let mut camera = SimulatedCamera::new(rig, &at_once, pose.clone(), CameraFaults::default());
-    let bar = ProgressBar::new((stations.len() * plan.exposures.len()) as u64)
-        .with_style(ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")?);
+    let (all, mut shot_frames) = (stations.len() * plan.exposures.len(), 0);
     let mut list = String::new();
     for station in stations {
         pose.set(Pose { angle_deg: plan.stations_deg[station], lamp_permille: rig.lamp.level_permille });
@@ -104,14 +116,15 @@ pub fn shoot_plan(rig: &Rig, simulation: Simulation, station: Option<usize>, out
             let name = format!("{station:03}-{exposure:02}.jpg");
             write_file(&out.join(&name), &frame.bytes)?;
             write!(list, "[[frame]]\nfile = \"{name}\"\ntime_s = {:?}\n\n", shutter.true_s)?;
-            bar.inc(1);
+            shot_frames += 1;
+            progress.count(shot_frames, all);
         }
     }
-    bar.finish_and_clear();
+    progress.end();
     if station.is_some() {
         write_file(&out.join("exposures.toml"), list.as_bytes())?;
     }
-    Ok(bar.position() as usize)
+    Ok(shot_frames)
 }
 
 /// Frames of another plan among the new ones would be played as if they belonged to it.

@@ -164,6 +164,11 @@ fn compare(bars: &mut Vec<Bar>, problems: &[super::scene::Problem], method: &Met
 /// # Errors
 /// The file cannot be written.
 pub fn write(directory: &Path, bars: &[Bar]) -> std::io::Result<()> {
+    table(bars).write(&directory.join("accuracy.csv"))
+}
+
+/// The bars as a table.
+pub fn table(bars: &[Bar]) -> csv::Table {
     let row = |bar: &Bar| {
         vec![
             bar.name.clone(),
@@ -173,6 +178,5 @@ pub fn write(directory: &Path, bars: &[Bar]) -> std::io::Result<()> {
             bar.verdict().to_owned(),
         ]
     };
-    let rows: Vec<Vec<String>> = bars.iter().map(row).collect();
-    csv::write(&directory.join("accuracy.csv"), &["bar", "value", "least", "most", "verdict"], &rows)
+    csv::Table { columns: &["bar", "value", "least", "most", "verdict"], rows: bars.iter().map(row).collect() }
 }

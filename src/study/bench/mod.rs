@@ -17,7 +17,7 @@ use crate::numerics::fit::solver::Refusal;
 use crate::numerics::simd::Level;
 use crate::pipeline::fit::FitError;
 pub use memory::Shortage;
-pub use table::{COLUMNS, heading, line, write};
+pub use table::{COLUMNS, heading, line, table, write};
 
 /// How much is measured.
 #[derive(Clone, Debug)]

@@ -116,15 +116,18 @@ fn level_name(level: Level) -> &'static str {
     }
 }
 
+/// The entries as a table.
+pub fn table(entries: &[Entry]) -> csv::Table {
+    csv::Table { columns: &COLUMNS, rows: entries.iter().map(row).collect() }
+}
+
 /// Writes `bench.csv` and the chart of the growth (`growth.svg`, `growth.png`) into `directory`.
 ///
 /// # Errors
 /// A file cannot be written or the chart cannot be drawn.
 pub fn write(directory: &Path, entries: &[Entry]) -> Result<(), ChartError> {
-    let rows: Vec<Vec<String>> = entries.iter().map(row).collect();
     let path = directory.join("bench.csv");
-    csv::write(&path, &COLUMNS, &rows)
-        .map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
+    table(entries).write(&path).map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
     chart::draw(entries)?.write(directory, "growth")
 }
 

@@ -197,6 +197,11 @@ pub const COLUMNS: [&str; 8] =
 /// # Errors
 /// The file cannot be written.
 pub fn write(directory: &Path, cases: &[Case]) -> std::io::Result<()> {
+    table(cases).write(&directory.join("lights.csv"))
+}
+
+/// The cases as a table.
+pub fn table(cases: &[Case]) -> csv::Table {
     let line = |case: &Case| {
         vec![
             case.name.clone(),
@@ -209,6 +214,5 @@ pub fn write(directory: &Path, cases: &[Case]) -> std::io::Result<()> {
             case.refused.to_string(),
         ]
     };
-    let lines: Vec<Vec<String>> = cases.iter().map(line).collect();
-    csv::write(&directory.join("lights.csv"), &COLUMNS, &lines)
+    csv::Table { columns: &COLUMNS, rows: cases.iter().map(line).collect() }
 }

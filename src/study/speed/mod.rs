@@ -211,14 +211,17 @@ fn row(measured: &Measurement) -> Vec<String> {
     ]
 }
 
+/// The measurements as a table.
+pub fn table(measured: &[Measurement]) -> csv::Table {
+    csv::Table { columns: &COLUMNS, rows: measured.iter().map(row).collect() }
+}
+
 /// Writes `speed.csv`, `speed.svg` and `speed.png` into `directory`.
 ///
 /// # Errors
 /// A file cannot be written or the chart cannot be drawn.
 pub fn write(directory: &Path, measured: &[Measurement]) -> Result<(), ChartError> {
-    let rows: Vec<Vec<String>> = measured.iter().map(row).collect();
     let path = directory.join("speed.csv");
-    csv::write(&path, &COLUMNS, &rows)
-        .map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
+    table(measured).write(&path).map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
     chart::draw(measured)?.write(directory, "speed")
 }

@@ -186,18 +186,22 @@ fn line(row: &Row, column: &Method, seeds: u64, cell: &Cell) -> Vec<String> {
     ]
 }
 
+/// The cells as a table.
+pub fn table(plan: &Plan<'_>, cells: &[Vec<Cell>]) -> csv::Table {
+    let mut rows = Vec::new();
+    for (row, cells) in plan.rows.iter().zip(cells) {
+        rows.extend(plan.columns.iter().zip(cells).map(|(column, cell)| line(row, column, plan.seeds, cell)));
+    }
+    csv::Table { columns: &COLUMNS, rows }
+}
+
 /// Writes `stability.csv` and the heat maps `stability-relight` and `stability-failures` (svg, png) into `directory`.
 ///
 /// # Errors
 /// A file cannot be written or a chart cannot be drawn.
 pub fn write(directory: &Path, plan: &Plan<'_>, cells: &[Vec<Cell>]) -> Result<(), ChartError> {
-    let mut lines = Vec::new();
-    for (row, cells) in plan.rows.iter().zip(cells) {
-        lines.extend(plan.columns.iter().zip(cells).map(|(column, cell)| line(row, column, plan.seeds, cell)));
-    }
     let path = directory.join("stability.csv");
-    csv::write(&path, &COLUMNS, &lines)
-        .map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
+    table(plan, cells).write(&path).map_err(|source| ChartError::Write { path: path.display().to_string(), source })?;
     chart::draw(plan, cells, &chart::RELIGHT)?.write(directory, "stability-relight")?;
     chart::draw(plan, cells, &chart::FAILURES)?.write(directory, "stability-failures")
 }
