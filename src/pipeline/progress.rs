@@ -118,7 +118,7 @@ mod tests {
     fn a_map_shows_where_the_error_is() {
         let (clean, mixture) = synthetic(400, 2, 21);
         let odd = |point: usize, sample: Sample| {
-            let off = if point < 100 && sample.light % 2 == 0 { 1.04 } else { 1.0 };
+            let off = if point < 100 && sample.light.is_multiple_of(2) { 1.04 } else { 1.0 };
             Some(Sample { radiance: sample.radiance.map(|i| off * i), ..sample })
         };
         let (observations, _) = clean.changed(1, odd);

@@ -76,14 +76,17 @@ pub fn search(prepared: &Prepared, start: &[Material], colour: Colour, sign: Sig
     search_watched(prepared, start, colour, sign, stop, &mut |_, _, _| ControlFlow::Continue(()))
 }
 
-/// The same; `on_step` gets steps tried, BRDF parameters and cost, and can break off.
+/// Callback of a search: steps tried so far, BRDF parameters and their cost; it can break off.
+type OnSearchStep<'a> = &'a mut dyn FnMut(usize, &[Material], f64) -> ControlFlow<()>;
+
+/// The same; `on_step` looks on.
 fn search_watched(
     prepared: &Prepared,
     start: &[Material],
     colour: Colour,
     sign: Sign,
     stop: Stop,
-    on_step: &mut dyn FnMut(usize, &[Material], f64) -> ControlFlow<()>,
+    on_step: OnSearchStep<'_>,
 ) -> Found {
     let unknowns = Unknowns::new(start, colour);
     let problem = Projected { prepared, unknowns: &unknowns, sign };
