@@ -112,6 +112,9 @@ mod tests {
     use crate::numerics::fit::observations::tests::synthetic;
     use crate::numerics::fit::solver::tests::task;
 
+    /// A map is shown with four decimals. Weights are solved in f32: of exact data they leave up to some 1e-5.
+    const SHOWN: f64 = 1e-4;
+
     /// Points as they are numbered: an image of one row. A quarter of it measured 4 % above the model under every second light,
     /// and the weights cannot follow both: the map shows where, and nothing elsewhere.
     #[test]
@@ -126,7 +129,7 @@ mod tests {
         assert_eq!((map.columns, map.cells.len()), (40, 40));
         for (index, cell) in map.cells.iter().enumerate() {
             let error = cell.unwrap();
-            assert!(if index < 10 { (0.005..0.04).contains(&error) } else { error < 1e-5 }, "{index}: {error}");
+            assert!(if index < 10 { (0.005..0.04).contains(&error) } else { error < SHOWN }, "{index}: {error}");
         }
         assert_eq!(
             residual_map(&observations.select(&[]), &task(2, Objective::RELATIVE), &mixture.materials, 400),
