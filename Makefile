@@ -1,6 +1,7 @@
 # make demo: one acquisition on the simulated rig, from the start request to the recovered material.
 # make test: every check and test of the workspace; the first that fails ends the run.
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
+# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; half a minute, with network the first time).
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
@@ -10,7 +11,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract browser deb deb-check
+	firmware firmware-cross unit-file openapi contract browser report-check deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -135,6 +136,15 @@ browser: release $(TARGET)/browser/installed
 $(TARGET)/browser/installed: tests/browser/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/browser'
 	@'$(TARGET)/browser/bin/pip' install --quiet --disable-pip-version-check -r tests/browser/requirements.txt
+	@touch '$@'
+
+report-check: release $(TARGET)/report/installed
+	$(heading) 'session reports, read by other programs'
+	@'$(TARGET)/report/bin/python' tests/report/check.py '$(RIGD)'
+
+$(TARGET)/report/installed: tests/report/requirements.txt
+	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/report'
+	@'$(TARGET)/report/bin/pip' install --quiet --disable-pip-version-check -r tests/report/requirements.txt
 	@touch '$@'
 
 deb:

@@ -3,7 +3,7 @@
 use clap::{Parser, Subcommand};
 use rigd::cli::{
     bench, calibrate, config, demo, doctor, error, fit, history, index, logging, merge, notify, queue, relight, render,
-    retention, safe, serve, session, simulate, study, verify,
+    report, retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -26,6 +26,7 @@ enum Command {
     Relight(relight::Args),
     Render(render::Args),
     Merge(merge::Args),
+    Report(report::Args),
     Verify(verify::Args),
     Retention(retention::Args),
     History(history::Args),
@@ -67,6 +68,7 @@ fn main() -> ExitCode {
         Command::Relight(args) => relight::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(args),
+        Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Retention(args) => retention::run(&args),
         Command::History(args) => history::run(&args),

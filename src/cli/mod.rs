@@ -16,6 +16,7 @@ mod on_rig;
 pub mod queue;
 pub mod relight;
 pub mod render;
+pub mod report;
 pub mod retention;
 pub mod safe;
 pub mod serve;

@@ -1,7 +1,7 @@
 //! The OpenAPI 3.1 document, made from the handlers' own declarations.
 
 use super::problem::Problem;
-use super::{HttpState, auth, calibrations, events, metrics, queue, results, rig, sessions};
+use super::{HttpState, auth, calibrations, events, metrics, queue, report, results, rig, sessions};
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
 use axum::body::Bytes;
@@ -73,6 +73,8 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(results::material))
         .routes(routes!(results::file))
         .routes(routes!(results::refit))
+        .routes(routes!(report::html))
+        .routes(routes!(report::pdf))
         .routes(routes!(rig::rig))
         .routes(routes!(rig::livez))
         .routes(routes!(rig::readyz))

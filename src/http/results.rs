@@ -122,7 +122,7 @@ enum ResultName {
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[allow(dead_code, reason = "only its schema is used")]
-struct Binary(Vec<u8>);
+pub(super) struct Binary(Vec<u8>);
 
 #[derive(Deserialize)]
 pub(super) struct FilePath {
