@@ -3,6 +3,7 @@
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
 # make exports: what `rigd export` writes, read by the programs it is for (a minute or two; with network the first time).
 # make guide: every command of docs/guide, run and compared (minutes, not part of make test); make guide-pictures takes its pictures anew.
+# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; half a minute, with network the first time).
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
@@ -12,7 +13,7 @@ CARGO  := cargo --locked
 heading = @printf '\n== %s\n'
 
 .PHONY: demo test packages photographs format lint units features documentation no-std release simulated studies oracle golden-frames \
-	firmware firmware-cross unit-file openapi contract browser exports guide guide-pictures deb deb-check
+	firmware firmware-cross unit-file openapi contract browser exports guide guide-pictures report-check deb deb-check
 .NOTPARALLEL:
 
 demo:
@@ -164,6 +165,15 @@ guide: release
 guide-pictures: release $(TARGET)/browser/installed
 	$(heading) 'pictures of the guide'
 	@'$(TARGET)/browser/bin/python' tests/browser/guide.py '$(RIGD)' docs
+
+report-check: release $(TARGET)/report/installed
+	$(heading) 'session reports, read by other programs'
+	@'$(TARGET)/report/bin/python' tests/report/check.py '$(RIGD)'
+
+$(TARGET)/report/installed: tests/report/requirements.txt
+	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/report'
+	@'$(TARGET)/report/bin/pip' install --quiet --disable-pip-version-check -r tests/report/requirements.txt
+	@touch '$@'
 
 deb:
 	$(heading) 'Debian package'

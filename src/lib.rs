@@ -3,6 +3,7 @@
 //! Modules are layered: each imports only from those listed below it here (ARCHITECTURE.md; `tests/layers.rs` enforces it).
 pub mod cli;
 pub mod devices;
+pub mod document;
 pub mod http;
 pub mod notify;
 pub mod numerics;

@@ -3,7 +3,7 @@
 use clap::{CommandFactory, Parser, Subcommand};
 use rigd::cli::{
     bench, calibrate, completions, config, demo, doctor, error, export, fit, history, index, logging, man, merge,
-    notify, queue, relight, render, retention, safe, serve, session, simulate, study, verify,
+    notify, queue, relight, render, report, retention, safe, serve, session, simulate, study, verify,
 };
 use std::process::ExitCode;
 
@@ -27,6 +27,7 @@ enum Command {
     Render(render::Args),
     Export(export::Args),
     Merge(merge::Args),
+    Report(report::Args),
     Verify(verify::Args),
     Retention(retention::Args),
     History(history::Args),
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Merge(args) => merge::run(args),
+        Command::Report(args) => report::run(&args),
         Command::Verify(args) => verify::run(&args),
         Command::Retention(args) => retention::run(&args),
         Command::History(args) => history::run(&args),

@@ -62,6 +62,37 @@ fn a_lambert_ball_is_fitted_without_error() {
     assert!((result.material.materials[0].rho_d[0].value - 0.2 * std::f64::consts::PI).abs() < 1e-5);
 }
 
+/// Errors of the lights, weighed by their samples, are the errors of the whole: of the fitted ones, and of those left out.
+#[test]
+fn the_lights_make_up_the_whole() {
+    let mut dataset = ball();
+    for (image, factor) in dataset.images.iter_mut().zip([1.0, 1.1, 0.8]) {
+        image.radiance.pixels.iter_mut().for_each(|pixel| *pixel = pixel.map(|v| factor * v));
+    }
+    // Gains would explain the lights away.
+    let options = FitOptions {
+        model: "lambert".into(),
+        materials: Some(1),
+        leave_out: vec![2],
+        gains: "off".into(),
+        ..FitOptions::default()
+    };
+    let report = fit(&dataset, &options, &mut |_| ControlFlow::Continue(())).unwrap().report;
+    let mean = |left_out: bool| {
+        let of = report.lights.iter().filter(|light| light.left_out == left_out);
+        let (sum, samples) = of.fold((0.0, 0), |(sum, samples), light| {
+            (sum + light.samples as f64 * light.mean_relative_error.unwrap(), samples + light.samples)
+        });
+        (sum / samples as f64, samples)
+    };
+    let ((fitted, samples), (left_out, _)) = (mean(false), mean(true));
+    assert_eq!(samples, report.samples);
+    assert!(fitted > 0.01 && (fitted - report.mean_relative_error).abs() < 1e-12, "{fitted}");
+    assert!((left_out - report.left_out_relative_error.unwrap()).abs() < 1e-12, "{left_out}");
+    let names: Vec<&str> = report.lights.iter().map(|light| light.image.as_str()).collect();
+    assert_eq!(names, ["0.png", "1.png", "2.png"]);
+}
+
 /// The ball under more lights, its radiance made by `material` with the model called `model`.
 fn glossy_ball(model: &dyn Lobe, material: &Material) -> Dataset {
     let mut dataset = ball();

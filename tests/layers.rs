@@ -32,6 +32,7 @@ const RULES: &[Rule] = &[
         but_not: &[],
         never: &["tokio", "tokio_stream", "tokio_util", "std::fs", "std::net", "std::path"],
     },
+    Rule { module: "document", may: &[], but_not: &[], never: OUTSIDE_WORLD },
     Rule { module: "devices", may: &[], but_not: &[], never: &[] },
     Rule { module: "store", may: &["pipeline", "numerics"], but_not: &[], never: &[] },
     // The simulated world may share forward models with the fit, never its inverse steps.
@@ -42,7 +43,12 @@ const RULES: &[Rule] = &[
         never: &[],
     },
     Rule { module: "study", may: &["sim", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
-    Rule { module: "session", may: &["devices", "store", "pipeline", "numerics"], but_not: &[], never: &[] },
+    Rule {
+        module: "session",
+        may: &["document", "devices", "store", "pipeline", "numerics"],
+        but_not: &[],
+        never: &[],
+    },
     Rule { module: "notify", may: &["session::handle", "session::state"], but_not: &[], never: &["tokio"] },
     Rule {
         module: "http",

@@ -20,6 +20,7 @@ pub mod progress;
 pub mod queue;
 pub mod relight;
 pub mod render;
+pub mod report;
 pub mod retention;
 pub mod safe;
 pub mod serve;

@@ -13,6 +13,7 @@ mod openapi;
 mod page;
 mod problem;
 mod queue;
+mod report;
 mod results;
 mod rig;
 mod server;

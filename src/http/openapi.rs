@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use super::{
-    HttpState, auth, calibrations, events, live, log, metrics, queue, results, rig, sessions, settings, viewer,
+    HttpState, auth, calibrations, events, live, log, metrics, queue, report, results, rig, sessions, settings, viewer,
 };
 use crate::session::handle::{GAINS, MAX_MATERIALS, lobes, models, objectives, solvers};
 use crate::session::plan::{LEAST_EXPOSURES, MAX_EXPOSURES, MAX_STATIONS};
@@ -77,6 +77,8 @@ pub(super) fn routes() -> OpenApiRouter<HttpState> {
         .routes(routes!(results::file))
         .routes(routes!(live::fit, results::refit))
         .routes(routes!(live::verified, live::verify))
+        .routes(routes!(report::html))
+        .routes(routes!(report::pdf))
         .routes(routes!(rig::rig))
         .routes(routes!(settings::settings))
         .routes(routes!(log::log))

@@ -153,6 +153,7 @@ impl From<EngineError> for Problem {
             EngineError::DamagedCalibration { .. } => {
                 of(StatusCode::CONFLICT, "calibration-damaged", "The calibration is damaged")
             }
+            EngineError::DamagedSession { .. } => of(StatusCode::CONFLICT, "session-damaged", "The session is damaged"),
             EngineError::Plan(plan) => {
                 let problem = of(StatusCode::UNPROCESSABLE_ENTITY, "plan-refused", "The plan is refused");
                 Self { reasons: Some(plan.reasons), ..problem }
@@ -244,6 +245,7 @@ mod tests {
         assert_eq!((wrong.status, wrong.current_state, wrong.allowed), (409, Some(state), Some(vec![])));
         for (error, status) in [
             (EngineError::UnknownSession { id: "x".into() }, 404),
+            (EngineError::DamagedSession { id: "x".into(), reason: "y".into() }, 409),
             (EngineError::KeyReused, 422),
             (EngineError::NoSpace { needed: 2, free: 1, path: "/data".into() }, 507),
             (EngineError::Storage("full".into()), 500),

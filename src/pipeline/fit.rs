@@ -7,11 +7,11 @@ use super::options::Chosen;
 pub use super::options::FitOptions;
 use super::progress::tell;
 pub use super::progress::{FitProgress, FitStep, OnProgress};
-use super::report::{CandidateReport, GAUGE, MaterialFile, Provenance, Report, Seconds};
+use super::report::{CandidateReport, GAUGE, LightReport, MaterialFile, Provenance, Report, Seconds};
 use crate::numerics::fit::Mixture;
 use crate::numerics::fit::directions::Tilt;
 use crate::numerics::fit::observations::{Observations, Scene};
-use crate::numerics::fit::quality::{Quality, judge_left_out};
+use crate::numerics::fit::quality::{Quality, judge_left_out, judge_lights};
 use crate::numerics::fit::solver::Termination;
 use crate::numerics::fit::uncertainty::Uncertainty;
 use std::time::Instant;
@@ -110,6 +110,10 @@ fn run(
     let turned = judged.solution.tilts.as_ref().map(|tilts| turned(&all, &kept, tilts));
     let seen = turned.as_ref().unwrap_or(&all);
     let left_out = judge_left_out(judged.task.lobe, mixture, seen, &kept, |light| options.leave_out.contains(&light));
+    let fitted = judged.changed.as_ref().unwrap_or(&observations);
+    let count = dataset.geometry.lights.len();
+    let seen_fitted = judge_lights(judged.task.lobe, mixture, fitted, Some, count);
+    let seen_left_out = judge_lights(judged.task.lobe, mixture, seen, |point| kept.binary_search(&point).ok(), count);
     let done = Instant::now();
 
     let report = Report {
@@ -127,6 +131,7 @@ fn run(
         left_out_relative_error: left_out.map(|q| q.mean_relative_error),
         left_out_highlight_relative_error: left_out.and_then(|q| q.highlight_relative_error),
         left_out: options.leave_out.clone(),
+        lights: lights(dataset, &options.leave_out, &seen_fitted, &seen_left_out),
         cost: judged.solution.cost,
         reduced_chi2: judged.reduced_chi2,
         iterations: judged.solution.iterations,
@@ -176,6 +181,23 @@ fn run(
         uncertainty: judged.uncertainty,
         size,
     })
+}
+
+/// Every light, fitted or predicted.
+fn lights(
+    dataset: &Dataset,
+    left_out: &[usize],
+    fitted: &[(usize, Option<f64>)],
+    predicted: &[(usize, Option<f64>)],
+) -> Vec<LightReport> {
+    let one = |(light, (described, (fitted, predicted)))| {
+        let left_out = left_out.contains(&light);
+        let &(samples, mean_relative_error) = if left_out { predicted } else { fitted };
+        let image = String::clone(described);
+        LightReport { image, left_out, samples, mean_relative_error }
+    };
+    let names = dataset.geometry.lights.iter().map(|light| &light.name);
+    names.zip(fitted.iter().zip(predicted)).enumerate().map(one).collect()
 }
 
 /// Left-out lights predicted by so much worse than the fitted ones are a warning; errors below the second are rounding.

@@ -106,6 +106,19 @@ pub struct LightsReached {
     pub enough: bool,
 }
 
+/// One light of the dataset, as the fit explains it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LightReport {
+    /// Its image.
+    pub image: String,
+    /// True when the fit did not see it: its error is then one of prediction.
+    pub left_out: bool,
+    /// Samples used, or predicted.
+    pub samples: usize,
+    /// Mean of |I - model| / I over them and the channels; null where there is no sample.
+    pub mean_relative_error: Option<f64>,
+}
+
 /// `report.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -137,6 +150,9 @@ pub struct Report {
     pub left_out_highlight_relative_error: Option<f64>,
     /// Indices of the lights left out.
     pub left_out: Vec<usize>,
+    /// Every light, in the order of the dataset; empty in reports of earlier versions.
+    #[serde(default)]
+    pub lights: Vec<LightReport>,
     /// Weighted squared residuals, summed.
     pub cost: f64,
     /// Chi^2 (noise and model floor) over degrees of freedom.

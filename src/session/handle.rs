@@ -27,6 +27,7 @@ use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{self, Idempotency, Manifest};
+pub use kept::{REPORT_POLICY, ReportForm};
 pub use lamp::LampStatus;
 pub use live::{FitMark, LiveFit, Soundness, VerifyStatus};
 pub use queue::{QueueSnapshot, QueuedSession};
@@ -136,6 +137,14 @@ pub enum EngineError {
         id: String,
         /// Its consecutive number.
         version: u64,
+        /// The file, what is wrong with it, and what to do.
+        reason: String,
+    },
+    /// A session of which no report can be made.
+    #[error("no report of session {id}: {reason}")]
+    DamagedSession {
+        /// Its id.
+        id: String,
         /// The file, what is wrong with it, and what to do.
         reason: String,
     },

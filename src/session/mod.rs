@@ -19,6 +19,7 @@ pub mod processing;
 pub mod quality;
 pub mod queue;
 mod refit;
+pub mod report;
 pub mod retention;
 mod room;
 pub mod shadow;

@@ -89,7 +89,8 @@ pub fn look(directory: &Path) -> Result<SessionSnapshot, StoreError> {
     Ok(read(directory)?.2.snapshot)
 }
 
-fn read(directory: &Path) -> Result<(Manifest, journal::Read, Ledger), StoreError> {
+/// Manifest, journal, and what the journal adds up to.
+pub(super) fn read(directory: &Path) -> Result<(Manifest, journal::Read, Ledger), StoreError> {
     let manifest = manifest::read(directory)?;
     let journal = journal::read(&directory.join(journal::FILE))?;
     let unplanned = |e: serde_json::Error| StoreError::Corrupt {

@@ -113,6 +113,16 @@ def is_stopped(chromium, daemon):
     browser.quiet("stop and abort")
 
 
+def is_reported(chromium, daemon):
+    """The report of the session is a page of its own: no script of ours, both looks."""
+    for look in LOOKS:
+        browser = Browser(chromium, daemon.url, look)
+        browser.page.goto(f"{daemon.url}/v1/sessions/{daemon.session()['id']}/report")
+        expect(browser.page.get_by_role("heading", name="The material")).to_be_visible()
+        judged(browser, "report")
+        browser.quiet("report")
+
+
 def is_queued(chromium, daemon):
     main, phone = (Browser(chromium, daemon.url, look) for look in ("desktop", "phone"))
     for name in ("oak, second coat", "slate tile"):
@@ -255,6 +265,7 @@ def main():
         with Daemon(RIGD, folder / "sound", slower(8)) as daemon:
             is_light(chromium, daemon.url)
             is_planned_and_shot(chromium, daemon)
+            is_reported(chromium, daemon)
             frames = folder / "sound" / "data" / "sessions" / daemon.session()["id"] / "frames"
             material.is_fitted_again(chromium, daemon)
             material.is_verified_and_compared(chromium, daemon)

@@ -63,26 +63,58 @@ pub fn judge(
     point_of: impl Fn(usize) -> Option<usize> + Sync,
     judged: impl Fn(usize) -> bool + Sync,
 ) -> Option<Quality> {
-    let points = observations.points();
-    let partial: Vec<Sums> = (0..points.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let mut sums = Sums::default();
-            for point in chunk * CHUNK..((chunk + 1) * CHUNK).min(points) {
-                let Some(known) = point_of(point) else { continue };
-                for sample in observations.of(point).filter(|s| judged(s.light)) {
-                    sums.add(&sample, predict(lobe, &mixture.materials, mixture.weights_of(known), &sample));
-                }
-            }
-            sums
-        })
-        .collect();
-    let sums = partial.iter().fold(Sums::default(), Sums::join);
+    let [sums] = grouped(lobe, mixture, observations, point_of, |light| judged(light).then_some(0), 1)[..] else {
+        return None;
+    };
     (sums.samples > 0.0).then(|| Quality {
         mean_relative_error: sums.relative / sums.samples,
         highlight_relative_error: (sums.highlights > 0.0).then(|| sums.highlight / sums.highlights),
         chi2: sums.chi2,
     })
+}
+
+/// Sums of each group of lights, of `groups` in all; samples of a light without one are passed over.
+fn grouped(
+    lobe: &dyn Lobe,
+    mixture: &Mixture,
+    observations: &Observations,
+    point_of: impl Fn(usize) -> Option<usize> + Sync,
+    group_of: impl Fn(usize) -> Option<usize> + Sync,
+    groups: usize,
+) -> Vec<Sums> {
+    let points = observations.points();
+    let partial: Vec<Vec<Sums>> = (0..points.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut sums = vec![Sums::default(); groups];
+            for point in chunk * CHUNK..((chunk + 1) * CHUNK).min(points) {
+                let Some(known) = point_of(point) else { continue };
+                for sample in observations.of(point) {
+                    let Some(group) = group_of(sample.light) else { continue };
+                    sums[group].add(&sample, predict(lobe, &mixture.materials, mixture.weights_of(known), &sample));
+                }
+            }
+            sums
+        })
+        .collect();
+    partial.iter().fold(vec![Sums::default(); groups], |all, chunk| {
+        all.into_iter().zip(chunk).map(|(sums, more)| sums.join(more)).collect()
+    })
+}
+
+/// What a mixture says of each of `lights` lights: its samples, and the mean of |I - model| / I over them and the channels; none where
+/// there is no sample. `point_of` as for [`judge`].
+pub fn judge_lights(
+    lobe: &dyn Lobe,
+    mixture: &Mixture,
+    observations: &Observations,
+    point_of: impl Fn(usize) -> Option<usize> + Sync,
+    lights: usize,
+) -> Vec<(usize, Option<f64>)> {
+    let each = grouped(lobe, mixture, observations, point_of, Some, lights);
+    each.iter()
+        .map(|sums| (sums.samples as usize, (sums.samples > 0.0).then(|| sums.relative / sums.samples)))
+        .collect()
 }
 
 /// Errors on every sample the mixture was fitted to.
@@ -121,5 +153,27 @@ mod tests {
         assert!((quality.mean_relative_error - 0.04 / 1.04).abs() < F32);
         assert!((quality.highlight_relative_error.unwrap_or(0.0) - 0.04 / 1.04).abs() < F32);
         assert!(judge(&Ward, &mixture, &observations, Some, |light| light == 99).is_none());
+    }
+
+    /// One light is brighter than the model by a known factor, one has no sample; the others fit.
+    #[test]
+    fn each_light_has_its_own_error() {
+        let (clean, mixture) = synthetic(50, 2, 21);
+        let changed = |_, sample: Sample| match sample.light {
+            1 => Some(Sample { radiance: sample.radiance.map(|i| 1.25 * i), ..sample }),
+            2 => None,
+            _ => Some(sample),
+        };
+        let (observations, _) = clean.changed(1, changed);
+        let lights = 1 + clean.all().map(|sample| sample.light).max().unwrap();
+        let each = judge_lights(&Ward, &mixture, &observations, Some, lights);
+        for (light, (samples, error)) in each.iter().enumerate() {
+            assert_eq!(*samples, observations.all().filter(|sample| sample.light == light).count());
+            match light {
+                1 => assert!((error.unwrap() - 0.2).abs() < F32),
+                2 => assert_eq!(*error, None),
+                _ => assert!(error.unwrap() < F32),
+            }
+        }
     }
 }

@@ -1,9 +1,23 @@
 //! What a session left on disk, as users get it.
 
 use super::{EngineError, EngineHandle};
+use crate::document::{html, pdf};
 use crate::session::processing::read_json;
+use crate::session::report;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+
+/// How a report is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReportForm {
+    /// For browsers.
+    Html,
+    /// For paper.
+    Pdf,
+}
+
+/// What a page with a report may load: what the report itself says.
+pub const REPORT_POLICY: &str = html::POLICY;
 
 impl EngineHandle {
     /// The frames of a session or calibration: station, exposure, file, blake3, bytes, shutter, state.
@@ -34,6 +48,17 @@ impl EngineHandle {
         let directory = self.book.lock().entry(id)?.directory.join("result");
         let path = directory.join(name);
         Ok((is_plain(name) && path.is_file()).then_some(path))
+    }
+
+    /// The report of a session as far as it has got, made of its files: seconds of work, and as much memory as its maps.
+    pub fn report(&self, id: &str, form: ReportForm) -> Result<Vec<u8>, EngineError> {
+        let directory = self.book.lock().session(id)?.directory.clone();
+        let damaged = |e: report::ReportError| EngineError::DamagedSession { id: id.to_owned(), reason: e.to_string() };
+        let document = report::of_session(&directory).map_err(damaged)?;
+        Ok(match form {
+            ReportForm::Html => html::write(&document).into_bytes(),
+            ReportForm::Pdf => pdf::write(&document),
+        })
     }
 }
 
