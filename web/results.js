@@ -38,7 +38,7 @@ export function results(view, id) {
     const without = ended(s) ? "No material was fitted." : "The material is there once the session has ended.";
     fill(head, h("h3", {}, s.name, " ", badge(s.state), s.simulated ? " (simulated)" : ""), s.reason ? h("p", { className: "reason" }, s.reason) : "", told(s),
       list("Warnings", s.warnings, "warnings"), h("p", { className: "verbs" }, h("a", { href: `#/frames/${s.id}` }, "Its frames"),
-        link("Report", `/v1/sessions/${s.id}/report`), link("Report (PDF)", `/v1/sessions/${s.id}/report.pdf`),
+        link("report.html", `/v1/sessions/${s.id}/report`), link("report.pdf", `/v1/sessions/${s.id}/report.pdf`),
         s.mean_relative_error == null ? "" : h("a", { href: `#/viewer/${s.id}`, className: "action" }, "Relight it")), s.mean_relative_error == null ? h("p", {}, without) : "");
     if (s.mean_relative_error != null) await show(s);
   }, (reason) => fill(head, h("p", { className: "warnings" }, reason)));
