@@ -167,6 +167,20 @@ impl Angles {
         Self { cos_i: normal.dot(light), cos_r: normal.dot(view), tan2_half, cos_iv: light.dot(view) }
     }
 
+    /// Angles of a half angle, the angle between light and half vector, and the light's turn about the half vector (Rusinkiewicz
+    /// 1998), radians. Cosines below zero lie below the horizon.
+    pub fn of_half(half: f64, difference: f64, turn: f64) -> Self {
+        let along = difference.cos() * half.cos();
+        let across = difference.sin() * half.sin() * turn.cos();
+        let tan2_half = half.tan() * half.tan();
+        Self { cos_i: along - across, cos_r: along + across, tan2_half, cos_iv: (2.0 * difference).cos() }
+    }
+
+    /// Cosine of the angle between light, or view, and half vector.
+    pub fn cos_difference(&self) -> f64 {
+        (0.5 * (1.0 + self.cos_iv)).clamp(0.0, 1.0).sqrt()
+    }
+
     /// The half angle sigma, radians.
     pub fn half_angle(&self) -> f64 {
         self.tan2_half.sqrt().atan()

@@ -15,6 +15,7 @@ pub mod ggx;
 pub mod lafortune;
 pub mod lambert;
 mod microfacet;
+pub mod nearest;
 pub mod torrance_sparrow;
 pub mod ward;
 pub mod ward_duer;
