@@ -150,12 +150,16 @@ $(TARGET)/browser/installed: tests/browser/requirements.txt
 
 exports: release $(TARGET)/exports/installed
 	$(heading) 'exports, read by others'
-	@for reader in exr mitsuba_scene pbrt merl; do \
-		'$(TARGET)/exports/bin/python' tests/exports/$$reader.py '$(RIGD)' || exit 1; done
+	@for reader in exr mitsuba_scene pbrt merl materialx usd gltf; do \
+		NODE_TOOLS='$(abspath $(TARGET)/exports)' '$(TARGET)/exports/bin/python' tests/exports/$$reader.py '$(RIGD)' || exit 1; done
+	@data=$$(mktemp -d) && trap 'rm -rf "$$data"' EXIT && '$(RIGD)' demo --calibrate --data "$$data" >/dev/null && \
+		for result in "$$data"/calibrated/sessions/*/result; do for reader in rti session_crate; do \
+		'$(TARGET)/exports/bin/python' tests/exports/$$reader.py '$(RIGD)' "$$result" || exit 1; done; done
 
 $(TARGET)/exports/installed: tests/exports/requirements.txt
 	@mkdir -p '$(TARGET)' && python3 -m venv '$(TARGET)/exports'
 	@'$(TARGET)/exports/bin/pip' install --quiet --disable-pip-version-check -r tests/exports/requirements.txt
+	@npm install --silent --no-fund --no-audit --prefix '$(TARGET)/exports' gltf-validator@2.0.0-dev.3.10
 	@touch '$@'
 
 guide: release

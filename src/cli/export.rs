@@ -1,4 +1,7 @@
-//! `rigd export`: a fitted material in the formats of other programs.
+//! `rigd export`: a fitted material in the formats of other programs, or the pictures or files that it was made of.
+
+mod rti;
+mod session;
 
 use super::error::{bad_input, print_line};
 use super::render;
@@ -6,13 +9,13 @@ use crate::numerics::brdf;
 use crate::numerics::render::shapes;
 use crate::pipeline::export::loss::Loss;
 use crate::pipeline::export::surface::Surface;
-use crate::pipeline::export::{self, Captured, Format, sentence};
+use crate::pipeline::export::{self, Captured, Format, archive, sentence};
 use crate::store::files::{self, shown};
 use crate::store::{export as written, result};
 use clap::builder::PossibleValuesParser;
 use serde::Serialize;
 use std::fmt::Display;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Export a fitted material to a format of other programs, and say what that loses.
 ///
@@ -22,7 +25,7 @@ pub struct Args {
     /// Result directory written by `rigd fit --out`, or the one inside a session.
     pub result: PathBuf,
     /// The format (docs/export.md says what each carries and loses).
-    #[arg(long, value_parser = PossibleValuesParser::new(export::names()))]
+    #[arg(long, value_parser = PossibleValuesParser::new(names()))]
     pub format: String,
     /// Where to write; a file that is read is never written over.
     #[arg(long)]
@@ -62,10 +65,24 @@ struct Square {
     row: usize,
 }
 
+/// A format that is not made of a material, and what makes it.
+type OfSession = (&'static str, fn(&Args) -> anyhow::Result<()>);
+
+/// Formats made of what the material was fitted to.
+const OF_SESSION: [OfSession; 2] = [(export::rti::NAME, rti::run), (archive::NAME, session::run)];
+
+/// Every format there is.
+fn names() -> Vec<&'static str> {
+    export::names().into_iter().chain(OF_SESSION.map(|(name, _)| name)).collect()
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    if let Some((_, make)) = OF_SESSION.iter().find(|(name, _)| *name == args.format) {
+        return make(args);
+    }
     let Some(format) = export::by_name(&args.format) else {
-        return Err(bad_input(format!("--format {}: one of {}", args.format, export::names().join(", "))));
+        return Err(bad_input(format!("--format {}: one of {}", args.format, names().join(", "))));
     };
     let captured = captured(args)?;
     let finished = captured.export(format).map_err(|reason| bad_input(format!("{}: {reason}", shown(&args.result))))?;
@@ -131,6 +148,16 @@ fn told(
         files.join(", "),
         shown(&args.out)
     ))
+}
+
+/// The folder in which a result lies, if it holds a file of this name. `why` says what needs it.
+fn folder_with(result: &Path, name: &str, why: &str) -> anyhow::Result<PathBuf> {
+    let refuse = |reason: String| bad_input(format!("{}: {reason}", shown(result)));
+    let inside = result.canonicalize().map_err(|e| refuse(format!("{e}: give the `result` of a session")))?;
+    match inside.parent() {
+        Some(folder) if folder.join(name).is_file() && inside.ends_with("result") => Ok(folder.to_owned()),
+        _ => Err(refuse(format!("no {name} beside it: {why}; give the `result` of a session"))),
+    }
 }
 
 /// A path and what is wrong with it, as one line.

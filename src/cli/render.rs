@@ -1,7 +1,7 @@
 //! `rigd render`: a mesh with a captured material, as radiance and as the camera would have taken it (paper 3.7).
 
 mod arguments;
-mod response;
+pub(super) mod response;
 
 pub use arguments::Args;
 

@@ -82,6 +82,17 @@ pub fn read(directory: &Path) -> Result<Dataset, DatasetError> {
     }
 }
 
+/// Reads the image of one light, counted from 0: for those who need not hold all of them at once.
+///
+/// # Errors
+/// dataset.toml or the image cannot be read, or there is no such light.
+pub fn read_light(directory: &Path, index: usize) -> Result<RadianceImage, DatasetError> {
+    let Description { size, lights, samples, .. } = describe(directory)?;
+    let path = directory.join(FILE);
+    let light = lights.get(index).ok_or_else(|| error(&path, format!("it has no light {index}")))?;
+    read_image(&directory.join(&light.name), size, samples.saturation).map_err(|reason| error(&path, reason))
+}
+
 /// Reads camera, object and lights of `directory/dataset.toml`, without the images.
 pub fn read_geometry(directory: &Path) -> Result<Geometry, DatasetError> {
     Ok(read_description(directory)?.0)

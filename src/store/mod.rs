@@ -22,6 +22,7 @@
 //! Invariants, checked by `tests/store_crash.rs` for a kill at every step and by `tests/power_cut.rs` for a power cut at any: every
 //! journalled frame has a file of that size and hash; every frame in `frames/` is journalled or is set aside at the next start; a frame is
 //! never overwritten; what the journal calls developed or fitted is whole on disk (docs/durability.md).
+pub mod bag;
 pub mod clock;
 pub mod dataset;
 pub mod disk;

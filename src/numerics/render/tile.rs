@@ -71,15 +71,25 @@ impl Tile {
     /// Weights at texture coordinates, of which 0 to 1 is the tile, u to the right and v down; linear between the texels'
     /// middles.
     pub fn at(&self, u: f64, v: f64) -> Weights {
-        let side = self.texels.size.0;
-        let place = |t: f64| {
-            let t = t.rem_euclid(1.0) * side as f64 + (side as f64 - 0.5);
-            let below = t.floor();
-            (below as usize % side, (below as usize + 1) % side, t - below)
-        };
-        let ((left, right, x), (top, bottom, y)) = (place(u), place(v));
-        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)].map(|(x, y)| self.texels.at(x, y));
-        let parts = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
-        std::array::from_fn(|m| (0..4).map(|i| parts[i] * f64::from(corners[i][m])).sum())
+        let corners = neighbours(self.texels.size.0, u, v);
+        std::array::from_fn(|m| corners.iter().map(|&(i, part)| part * f64::from(self.texels.weights[i][m])).sum())
     }
+}
+
+/// The four texels between whose middles a place of a texture of `side` texels lies, counted row by row, and the part of each
+/// in what is linear between them. The texture repeats; 0 to 1 is the tile, u to the right and v down.
+pub fn neighbours(side: usize, u: f64, v: f64) -> [(usize, f64); 4] {
+    let place = |t: f64| {
+        let t = t.rem_euclid(1.0) * side as f64 + (side as f64 - 0.5);
+        let below = t.floor();
+        (below as usize % side, (below as usize + 1) % side, t - below)
+    };
+    let ((left, right, x), (top, bottom, y)) = (place(u), place(v));
+    let at = |x: usize, y: usize| y * side + x;
+    [
+        (at(left, top), (1.0 - x) * (1.0 - y)),
+        (at(right, top), x * (1.0 - y)),
+        (at(left, bottom), (1.0 - x) * y),
+        (at(right, bottom), x * y),
+    ]
 }

@@ -1,13 +1,21 @@
 //! A fitted material in the formats of other programs. A format is a file of this folder and a line of [`FORMATS`]; what all of
 //! them need is prepared once ([`Captured`]), and what a format loses is measured, not guessed ([`loss`]).
 
+pub mod archive;
+pub mod baked;
 pub mod exr;
+pub mod ggx;
+pub mod gltf;
 pub mod loss;
+pub mod materialx;
 pub mod merl;
 pub mod mitsuba;
 pub mod pbrt;
 mod ply;
+pub mod rti;
 pub mod surface;
+pub mod texture;
+pub mod usd;
 mod words;
 
 use super::report::MaterialFile;
@@ -19,10 +27,11 @@ use crate::numerics::render::tile::Tile;
 use loss::Loss;
 use surface::Surface;
 
-pub use words::sentence;
+pub use words::{readme_of, sentence};
 
 /// Every format there is.
-pub const FORMATS: &[Format] = &[exr::FORMAT, mitsuba::FORMAT, pbrt::FORMAT, merl::FORMAT];
+pub const FORMATS: &[Format] =
+    &[exr::FORMAT, mitsuba::FORMAT, pbrt::FORMAT, merl::FORMAT, materialx::FORMAT, usd::FORMAT, gltf::FORMAT];
 
 /// Their names.
 pub fn names() -> Vec<&'static str> {
@@ -125,9 +134,10 @@ impl File {
     }
 }
 
-/// Files that every export has beside its own.
-const README: &str = "README.txt";
-const LOSS: &str = "loss.json";
+/// What an export says of itself, for people.
+pub const README: &str = "README.txt";
+/// What it loses, for programs.
+pub const LOSS: &str = "loss.json";
 
 /// An export with its loss, and README.txt and loss.json among its files.
 pub struct Finished {

@@ -46,7 +46,7 @@ pub(super) fn comment(text: &str) -> String {
 /// README.txt.
 pub(super) fn readme(captured: &Captured, format: &Format, loss: Option<&Loss>, words: &Words) -> String {
     let Captured { description, patch, .. } = captured;
-    let mut text = format!(
+    let head = format!(
         "A captured material, exported by {} as {} ({})\n\n{} materials of the BRDF model {}. The texture is a seamless square of {} x {} weights, cut at column {}, row {} of weights.exr.\n",
         description.provenance.software,
         format.name,
@@ -58,17 +58,22 @@ pub(super) fn readme(captured: &Captured, format: &Format, loss: Option<&Loss>, 
         patch.x,
         patch.y,
     );
-    let mut section = |title: &str, lines: &[String]| {
+    let mut words = words.clone();
+    words.loses.push(sentence(loss));
+    if loss.is_some() {
+        words.loses.push(format!("Measured on {SCENE}."));
+    }
+    readme_of(&head, &words)
+}
+
+/// README.txt with this head.
+pub fn readme_of(head: &str, words: &Words) -> String {
+    let mut text = head.to_owned();
+    for (title, lines) in
+        [("What the files carry", &words.carries), ("What is lost", &words.loses), ("How to open it", &words.open)]
+    {
         text += &format!("\n{title}\n");
         lines.iter().for_each(|line| text += &format!("- {line}\n"));
-    };
-    section("What the files carry", &words.carries);
-    let mut loses = words.loses.clone();
-    loses.push(sentence(loss));
-    if loss.is_some() {
-        loses.push(format!("Measured on {SCENE}."));
     }
-    section("What is lost", &loses);
-    section("How to open it", &words.open);
     text
 }
