@@ -1,7 +1,7 @@
 # make demo: one acquisition on the simulated rig, from the start request to the recovered material.
 # make test: every check and test of the workspace; the first that fails ends the run.
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
-# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; half a minute, with network the first time).
+# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; a minute or two, with network the first time).
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)
