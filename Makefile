@@ -3,7 +3,7 @@
 # make browser: the page in Chromium (minutes; with network the first time); with PICTURES=docs its pictures there are taken anew.
 # make exports: what `rigd export` writes, read by the programs it is for (a minute or two; with network the first time).
 # make guide: every command of docs/guide, run and compared (minutes, not part of make test); make guide-pictures takes its pictures anew.
-# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; half a minute, with network the first time).
+# make report-check: session reports read by other programs (html5lib, qpdf, pypdf; minutes, with network the first time).
 # make deb: a Debian package in target/deb; make deb-check installs, runs and removes it in a fresh Debian (as root, with network, minutes).
 
 SHARED := $(or $(RIGD_SHARED),../shared)

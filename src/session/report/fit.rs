@@ -87,7 +87,7 @@ fn by_light(lights: &[LightReport]) -> Block {
     };
     Block::Drawing(
         Plot {
-            caption: "Error of each light. One that stands out was somewhere else, or of another strength, than the dataset says.".into(),
+            caption: "Error of each light. One that stands out may have been elsewhere, or of another strength, than the dataset says; one that grazes the object has few, dim samples and is worse anyway.".into(),
             alternative: "Mean relative error against the number of the light, fitted lights as discs, left-out ones as rings".into(),
             x: Axis::named("light", (0..lights.len()).map(|i| i.to_string()).collect()),
             y: Axis::linear("mean relative error, %", &[0.0]),
