@@ -10,7 +10,7 @@ from PIL import Image
 from playwright.sync_api import expect, sync_playwright
 
 RIGD, DOCS = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-LOOKS = {"desktop": ({"width": 1280, "height": 1000}, "light"), "phone": ({"width": 390, "height": 844}, "dark")}
+LOOKS = {"desktop": ({"width": 1280, "height": 1500}, "light"), "phone": ({"width": 390, "height": 844}, "dark")}
 LONG = 120_000      # ms
 LINK = re.compile(r"^  marble +(http://\S+)$", re.M)
 
