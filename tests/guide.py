@@ -173,8 +173,8 @@ def page_holds(page, rigd, folder):
 
 
 def main():
-    if len(sys.argv) < 2:
-        sys.exit(__doc__)
+    if len(sys.argv) < 2 or not os.access(sys.argv[1], os.X_OK):
+        sys.exit(f"{__doc__}\nguide.py: RIGD must be a program")
     in_a_network_of_its_own()
     missing = [name for name in ("curl", "jq") if not shutil.which(name)]
     if missing:
