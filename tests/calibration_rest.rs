@@ -133,7 +133,8 @@ fn the_terminal_says_what_to_do_and_takes_up_a_run_that_waits() {
     assert!(out.contains("is awaiting: taken up") && err.contains("is aborted"), "{out}{err}");
     let list = Command::new(env!("CARGO_BIN_EXE_rigd")).args(["calibrate", "list", "--url", &daemon.url()]).output();
     let list = String::from_utf8(list.unwrap().stdout).unwrap();
-    assert!(list.starts_with("1  ") && list.contains("aborted"), "{list}");
+    let rows: Vec<_> = list.lines().collect();
+    assert!(rows.len() == 2 && rows[1].trim_start().starts_with("1  ") && rows[1].contains("aborted"), "{list}");
 }
 
 /// What the killed daemon shot is kept, but not gone on with: board and card may have been moved since.
