@@ -40,7 +40,7 @@ done
 
 cd "$work"
 status=0
-"$venv/bin/schemathesis" --config-file "$root/tests/schemathesis.toml" run "$url/openapi.json" --checks all --max-time "$seconds" \
+SCHEMATHESIS_HOOKS=schemathesis_hooks PYTHONPATH="$root/tests" "$venv/bin/schemathesis" --config-file "$root/tests/schemathesis.toml" run "$url/openapi.json" --checks all --max-time "$seconds" \
     --request-timeout 30 --seed 1 --no-color || status=$?
 
 # What it was asked to do must not have ended it, and it must end in order.
