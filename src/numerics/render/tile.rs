@@ -38,7 +38,7 @@ pub struct Tile {
 }
 
 impl Tile {
-    /// The best measured square of `side` texels of a weight map, made to repeat ([`patch::best`], [`seam::closed`]).
+    /// The best measured square of `side` texels of a weight map, made to repeat ([`patch::best`], `seam::closed`).
     /// `weights` and `sigma`, their standard errors, hold one image a material.
     ///
     /// # Errors
