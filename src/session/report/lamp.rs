@@ -59,11 +59,12 @@ fn warm_up(session: &Session) -> String {
 }
 
 fn room(session: &Session) -> String {
+    let unknown = || "unknown".to_owned();
     match (of_type(session, "ambient.measured").next_back(), of_type(session, "ambient.failed").next_back()) {
         (Some(record), _) => format!(
-            "With the lamp off, the longest exposure showed level {:.1}: {} of the light of a dimly exposed pixel (2 % and more is warned of).",
-            record["level"].as_f64().unwrap_or_default(),
-            percent(record["share"].as_f64().unwrap_or_default())
+            "With the lamp off, the longest exposure showed level {}: {} of the light of a dimly exposed pixel (2 % and more is warned of).",
+            record["level"].as_f64().map_or_else(unknown, |level| format!("{level:.1}")),
+            record["share"].as_f64().map_or_else(unknown, percent)
         ),
         (None, Some(record)) => format!(
             "The dark room could not be looked at: {}.",
