@@ -1,9 +1,9 @@
 //! The `rigd` command.
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use rigd::cli::{
     bench, calibrate, completions, config, demo, doctor, error, export, fit, history, index, logging, man, merge,
-    notify, queue, relight, render, report, retention, safe, serve, session, simulate, study, verify,
+    notify, queue, relight, render, report, retention, safe, serve, session, simulate, study, terminal, verify,
 };
 use std::process::ExitCode;
 
@@ -61,7 +61,9 @@ enum Simulate {
 
 fn main() -> ExitCode {
     logging::start();
-    error::exit_code(match Cli::parse().command {
+    let asked = Cli::command().color(terminal::choice()).get_matches();
+    let cli = Cli::from_arg_matches(&asked).unwrap_or_else(|error| error.exit());
+    error::exit_code(match cli.command {
         Command::Session(args) => session::run(&args),
         Command::Queue(args) => queue::run(args),
         Command::Serve(args) => serve::run(&args),

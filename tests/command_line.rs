@@ -14,6 +14,8 @@ use std::time::Duration;
 fn rigd(args: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rigd"));
     command.args(args).env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env("TERM", "xterm-256color");
+    // Build servers set it, and some libraries take it for a wish.
+    command.env("CI", "true");
     command
 }
 

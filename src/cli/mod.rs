@@ -29,5 +29,5 @@ pub mod simulate;
 pub mod study;
 mod table;
 mod target;
-mod terminal;
+pub mod terminal;
 pub mod verify;

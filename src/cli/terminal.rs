@@ -1,6 +1,7 @@
 //! How words look on a terminal: the one place that knows of colours, and of where there may be none.
 
 use anstyle::{AnsiColor, Style};
+use clap::ColorChoice;
 use std::env::var_os;
 use std::ffi::OsStr;
 use std::fmt::Display;
@@ -65,7 +66,16 @@ impl Tone {
 
 /// True where text may have colours: a terminal that knows them, before somebody who has not said that he wants none.
 pub fn has_colours(stream: &impl IsTerminal) -> bool {
-    stream.is_terminal() && wanted(var_os("NO_COLOR").as_deref(), var_os("TERM").as_deref())
+    stream.is_terminal() && wanted_here()
+}
+
+/// What clap's own words, help and usage, are told: left to itself it also takes a build server's CI for a wish for colours.
+pub fn choice() -> ColorChoice {
+    if wanted_here() { ColorChoice::Auto } else { ColorChoice::Never }
+}
+
+fn wanted_here() -> bool {
+    wanted(var_os("NO_COLOR").as_deref(), var_os("TERM").as_deref())
 }
 
 /// NO_COLOR counts whatever it holds, unless it holds nothing (no-color.org).
