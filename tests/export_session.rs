@@ -206,6 +206,14 @@ fn links_and_pipes_in_a_session_are_not_followed() {
     std::os::unix::fs::symlink(&secret, &frame).unwrap();
     let output = session.export("crate", "linked");
     assert!(!output.status.success(), "a link in place of a frame");
+    // Nor is a folder of them.
+    for folder in ["frames", "radiance"] {
+        let session = Session::new();
+        let moved = session.root.path().join(folder);
+        fs::rename(session.directory.join(folder), &moved).unwrap();
+        std::os::unix::fs::symlink(&moved, session.directory.join(folder)).unwrap();
+        refused(&session.export("crate", "linked"), &[folder, "a link"]);
+    }
 }
 
 #[test]
@@ -221,6 +229,8 @@ fn what_is_no_whole_session_is_refused() {
     refused(&session.export_of(&alone, "tape", "out"), &["tape", "gltf", "crate"]);
     let inside = session.directory.join("bag");
     refused(&session.export("crate", inside.to_str().unwrap()), &["in the session itself"]);
+    let detour = format!("nowhere/../{}/bag", session.directory.strip_prefix(session.root.path()).unwrap().display());
+    refused(&session.export("crate", &detour), &["without `..`"]);
     fs::create_dir(session.root.path().join("full")).unwrap();
     fs::write(session.root.path().join("full/mine"), "kept").unwrap();
     refused(&session.export("crate", "full"), &["full", "empty directory"]);

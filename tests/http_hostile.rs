@@ -12,6 +12,8 @@ use std::time::Duration;
 const PATIENCE: Duration = Duration::from_secs(100);
 /// More than the daemon takes at a time.
 const MANY: usize = 600;
+/// Time after which a connection that asks nothing more is closed.
+const IDLE: Duration = Duration::from_secs(20);
 
 /// What came back: a status, or the connection's end without one.
 fn answer(socket: TcpStream) -> Option<u16> {
@@ -307,6 +309,7 @@ fn a_session_goes_on_undisturbed_by_hostile_requests() {
         classes += 2;
         half_open(&daemon);
         many_connections(&daemon);
+        held_connections(&daemon);
         while committed() < before + 5 {
             std::thread::sleep(Duration::from_millis(50));
         }
@@ -336,6 +339,23 @@ fn half_open(daemon: &Daemon) {
         let status = answer(socket);
         assert!(status.is_none_or(|status| (400..500).contains(&status)), "{status:?}");
     }
+}
+
+/// Clients that ask and hold their connections, more of them than are taken at a time: each is answered, and so would Stop be.
+fn held_connections(daemon: &Daemon) {
+    let held: Vec<TcpStream> = (0..MANY)
+        .map(|number| {
+            let mut socket = daemon.connect();
+            socket.write_all(b"GET /livez HTTP/1.1\r\nhost: localhost\r\n\r\n").unwrap();
+            socket.set_read_timeout(Some(IDLE / 2)).unwrap();
+            let mut first = [0; 12];
+            socket.read_exact(&mut first).unwrap_or_else(|error| panic!("connection {number}: {error}"));
+            assert_eq!(&first, b"HTTP/1.1 200");
+            socket
+        })
+        .collect();
+    assert_eq!(daemon.get("/livez").status, 200);
+    drop(held);
 }
 
 /// More connections than are taken at a time, silent and talking: once they are gone, everyone is served again.

@@ -77,6 +77,22 @@ fn the_manager_is_told_of_begin_life_and_end() {
 }
 
 #[test]
+fn a_manager_that_does_not_read_holds_up_nothing() {
+    let mut supervised = Supervised::start();
+    // More than the kernel keeps for it, until it is full.
+    let flood = UnixDatagram::unbound().unwrap();
+    flood.set_nonblocking(true).unwrap();
+    let path = supervised.manager.local_addr().unwrap().as_pathname().unwrap().to_owned();
+    while flood.send_to(b"X=1", &path).is_ok() {}
+    // Its next ping has no room; by the second one at the latest a thread that waits for it would serve nobody.
+    std::thread::sleep(WATCHDOG / 2 + WATCHDOG / 4);
+    for _ in 0..20 {
+        assert_eq!(supervised.daemon.call("GET", "/livez", &[], "").status, 200);
+    }
+    assert!(supervised.daemon.terminate().success());
+}
+
+#[test]
 fn pings_end_when_the_engine_or_http_hangs() {
     let supervised = Supervised::start();
     assert!(supervised.next().unwrap().starts_with("READY=1"));

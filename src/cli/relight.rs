@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     progress.end();
     if args.json {
-        let file = |(light, name): (&_, &String)| serde_json::json!({ "light": light, "file": args.out.join(name) });
+        let file = |(light, name): (&_, &String)| serde_json::json!({ "light": light, "file": files::shown(&args.out.join(name)) });
         let files: Vec<_> = geometry.lights.iter().map(|light| &light.name).zip(&names).map(file).collect();
         return print_json(&files);
     }

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     write(args, picture, &found)?;
     if args.json {
         return print_json(&serde_json::json!({
-            "files": FILES.map(|name| args.out.join(name)), "triangles": mesh.triangles(), "without_area": mesh.dropped(),
+            "files": FILES.map(|name| shown(&args.out.join(name))), "triangles": mesh.triangles(), "without_area": mesh.dropped(),
             "textured": mesh.is_textured(), "patch": { "x": patch.x, "y": patch.y, "side": args.patch },
             "exposure_s": args.exposure, "response": found.name,
         }));

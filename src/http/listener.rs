@@ -13,6 +13,8 @@ use tokio::time::{Instant, Sleep, sleep};
 
 /// Connections at a time; further ones wait. Half of the file handles a process usually may have.
 const CONNECTIONS: usize = 512;
+/// With fewer places than this left, connections end with their first answer: clients that hold theirs leave room for Stop.
+const KEPT_FREE: usize = CONNECTIONS / 4;
 /// A connection on which nothing moves for so long is closed. An event stream that is read moves every 15 s.
 const SILENCE: Duration = Duration::from_secs(60);
 
@@ -39,9 +41,10 @@ impl axum::serve::Listener for Bounded {
 
     async fn accept(&mut self) -> (Connection, SocketAddr) {
         let permit = Arc::clone(&self.free).acquire_owned().await.ok();
+        let crowded = self.free.available_permits() < KEPT_FREE;
         let (stream, address) = axum::serve::Listener::accept(&mut self.listener).await;
         let end = Box::pin(sleep(self.silence));
-        (Connection { stream, silence: self.silence, end, _permit: permit }, address)
+        (Connection { stream, silence: self.silence, end, crowded, _permit: permit }, address)
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
@@ -54,10 +57,16 @@ pub(super) struct Connection {
     stream: TcpStream,
     silence: Duration,
     end: Pin<Box<Sleep>>,
+    crowded: bool,
     _permit: Option<OwnedSemaphorePermit>,
 }
 
 impl Connection {
+    /// Whether it came when few places were left.
+    pub(super) fn is_crowded(&self) -> bool {
+        self.crowded
+    }
+
     /// Passes on what the socket says; while it says nothing, the time runs.
     fn watch<T>(&mut self, context: &mut Context<'_>, polled: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if polled.is_ready() {

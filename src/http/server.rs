@@ -29,7 +29,8 @@ pub(super) async fn run(mut listener: Bounded, tls: Option<Tls>, router: Router,
             (connection, _) = listener.accept() => connection,
             () = shutdown.cancelled() => break,
         };
-        let (http, router, watcher) = (http.clone(), router.clone(), open.watcher());
+        let (mut http, router, watcher) = (http.clone(), router.clone(), open.watcher());
+        http.keep_alive(!connection.is_crowded());
         let Some(tls) = tls.clone() else {
             tokio::spawn(serve(http, connection, router, watcher));
             continue;

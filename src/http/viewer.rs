@@ -23,14 +23,21 @@ const MESH: Duration = Duration::from_secs(60);
 
 /// One of these at a time: maps of a full frame, and meshes, are much of the memory that a night leaves.
 static TURN: Semaphore = Semaphore::const_new(1);
+/// One mesh at a time comes in and is held; while it comes, the others have their turns.
+static BODY: Semaphore = Semaphore::const_new(1);
 
-/// Asks the engine in turn.
+/// Asks the engine in turn; the turn ends when the work does, not when the client goes away.
 async fn ask_in_turn<T: Send + 'static>(
     state: &HttpState,
     question: impl FnOnce(&EngineHandle) -> Result<T, EngineError> + Send + 'static,
 ) -> Result<T, Problem> {
-    let _turn = TURN.acquire().await;
-    ask(state, question).await
+    let turn = TURN.acquire().await.map_err(|_| Problem::internal())?;
+    ask(state, move |engine| {
+        let answer = question(engine);
+        drop(turn);
+        answer
+    })
+    .await
 }
 
 #[derive(Deserialize, IntoParams)]
@@ -253,10 +260,14 @@ pub(super) async fn mesh(
             return Err(Problem::wrong_type(detail));
         }
     };
-    // From here on: a body in memory is what the turn is for.
-    let _turn = TURN.acquire().await;
+    let held = BODY.acquire().await.map_err(|_| Problem::internal())?;
     let bytes = body(request).await?;
-    let bytes = ask(&state, move |_| checked_mesh(ending, &bytes)).await?;
+    let bytes = ask_in_turn(&state, move |_| {
+        let made = checked_mesh(ending, &bytes);
+        drop((bytes, held));
+        made
+    })
+    .await?;
     Ok(answer(GLB, bytes))
 }
 

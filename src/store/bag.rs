@@ -89,6 +89,9 @@ impl Bag {
     /// # Errors
     /// There is something, or no directory can be made beside it.
     pub fn new(out: &Path) -> Result<Self, Fault> {
+        if out.is_symlink() {
+            return Err((out.to_owned(), "this is a link: give the directory itself as --out".to_owned()));
+        }
         let empty = match fs::read_dir(out) {
             Ok(mut entries) => entries.next().is_none(),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => true,

@@ -186,9 +186,12 @@ pub fn make_ready<'a>(
         }
         // Permissions do not tell all (a file system may be mounted to be read only): a trial does.
         let trial = directory.join(format!("{UNFINISHED}{name}"));
-        std::fs::write(&trial, [])
-            .and_then(|()| std::fs::remove_file(&trial))
-            .map_err(|e| (directory.to_owned(), format!("no file can be written here: {e}; give another --out")))?;
+        // What an earlier try left is unlinked, never opened: it may be a link to somebody's file.
+        match std::fs::remove_file(&trial) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+            _ => File::create_new(&trial).and_then(|_| std::fs::remove_file(&trial)),
+        }
+        .map_err(|e| (directory.to_owned(), format!("no file can be written here: {e}; give another --out")))?;
     }
     Ok(())
 }

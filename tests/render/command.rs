@@ -5,6 +5,7 @@ use rigd::pipeline::calibration::response::{Expected, Method, ResponseCalibratio
 use rigd::pipeline::report::{GAUGE, Identified, MaterialFile, MaterialReport, Parameter, Provenance};
 use rigd::store::exr::{Planes, read_radiance, write_planes};
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -222,4 +223,23 @@ fn a_file_that_is_read_is_never_written_over() {
     fs::hard_link(folder.path("roof.obj"), folder.path("out/render.png")).unwrap();
     folder.refused(&["--out", "out", "--mesh", "roof.obj"], &["render.png", "read as input"]);
     assert!(fs::read_to_string(folder.path("roof.obj")).unwrap().starts_with("v -1 0 0"));
+    // What lies under the names of unfinished files may be a link to anything.
+    fs::remove_file(folder.path("out/render.png")).unwrap();
+    for (name, link) in [("symbolic", std::os::unix::fs::symlink as fn(PathBuf, PathBuf) -> _), ("hard", fs::hard_link)]
+    {
+        fs::write(folder.path(name), "mine").unwrap();
+        link(folder.path(name), folder.path("out/.unfinished-render.png")).unwrap();
+        done(&folder.render(&["--out", "out"]));
+        assert_eq!(fs::read_to_string(folder.path(name)).unwrap(), "mine", "{name}");
+    }
+}
+
+#[test]
+fn a_path_that_is_no_text_is_told_all_the_same() {
+    let folder = Folder::new();
+    let out = std::ffi::OsStr::from_bytes(b"out-\xff");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rigd"));
+    command.current_dir(folder.root.path()).args(["render", "result", "--patch", "16", "--size", "16x16", "--json"]);
+    let told = done(&command.arg("--out").arg(out).output().unwrap());
+    assert!(told.contains("out-") && told.contains("render.exr"), "{told}");
 }

@@ -101,6 +101,11 @@ fn an_obj_file_that_is_none_is_refused_in_words() {
     }
     let many = format!("v 0 0 0\n{}", "f 1 1 1\n".repeat(2_000_001));
     assert!(matches!(obj(&many), Err(MeshFileError::Mesh(MeshError::TooLarge { triangles: 2_000_001, .. }))));
+    // Lines and points are passed over, but memory is taken for them.
+    for passed_over in ["l 1\n", "p 1\n"] {
+        let many = format!("v 0 0 0\n{}", passed_over.repeat(2_000_001));
+        assert!(matches!(obj(&many), Err(MeshFileError::Mesh(MeshError::TooLarge { .. }))), "{passed_over}");
+    }
 }
 
 /// One triangle with indices, moved by a node; `primitive` and `nodes` as JSON.
@@ -146,6 +151,10 @@ fn a_glb_file_and_a_buffer_beside_the_description() {
     let beside = json(r#","uri":"numbers.bin""#);
     let open = |name: &str| if name == "numbers.bin" { Ok(numbers.clone()) } else { Err("wrong name".to_owned()) };
     assert_eq!(read(Format::Gltf, beside.as_bytes(), &open).unwrap().extent(), 4.0);
+    for address in ["./numbers.bin", "numb%65rs.bin", "numbers%2Ebin"] {
+        let beside = json(&format!(r#","uri":"{address}""#));
+        assert_eq!(read(Format::Gltf, beside.as_bytes(), &open).unwrap().extent(), 4.0, "{address}");
+    }
     let missing = gltf(&beside).unwrap_err().to_string();
     assert!(missing.contains("buffer 0 (numbers.bin): no file beside this one"), "{missing}");
     let short = |_: &str| Ok(numbers[..20].to_vec());
@@ -177,11 +186,26 @@ fn a_gltf_file_that_cannot_be_shown_is_refused_in_words() {
         (triangle(INDEXED, alone, 1 << 60), "too many"),
         (triangle(INDEXED, r#"[{"mesh": 0, "scale": [0, 1, 1]}]"#, 3), "none of its 1 triangles has an area"),
         (triangle(INDEXED, r#"[{"mesh": 7}]"#, 3), "no readable glTF file"),
+        (triangle(INDEXED, &format!("[{{}}{}]", ",{}".repeat(1 << 18)), 3), "objects, more than 262144"),
     ];
     for (json, words) in refusals {
         let refused = gltf(&json).unwrap_err().to_string();
         assert!(refused.contains(words), "{words}: {refused}");
     }
+    let wrong = format!(r#"{{"asset": {{"version": "2.0"}}, "nodes": [{}{{}}]}}"#, r#"{"mesh": 9},"#.repeat(1000));
+    assert!(gltf(&wrong).unwrap_err().to_string().len() < 500, "a message stays one that can be read");
+}
+
+#[test]
+fn vertices_without_a_triangle_are_left_out() {
+    let file = "v 9 9 9\nv 0 0 0\nv 8 8 8\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 2//1 4//1 5//1\n";
+    let mesh = obj(file).unwrap();
+    assert_eq!((mesh.corners(0), mesh.extent()), ([Vec3::zeros(), Vec3::x(), Vec3::y()], 1.0));
+    let many = gltf(&triangle(INDEXED, r#"[{"mesh": 0}]"#, 3)).unwrap();
+    assert_eq!(many.parts().positions.len(), 3);
+    let loose = Parts { positions: vec![Vec3::z(); 7], uv: vec![[0.5, 0.5]; 7], ..Parts::default() };
+    let parts = Parts { triangles: vec![[6, 5, 2]], ..loose }.used();
+    assert_eq!((parts.positions.len(), parts.uv.len(), parts.triangles), (3, 3, vec![[2, 1, 0]]));
 }
 
 #[test]

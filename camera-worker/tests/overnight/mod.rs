@@ -99,7 +99,7 @@ impl Night {
     /// One session to its end, with faults drawn by a seed, one in `every` frames on average.
     pub fn shoot(&mut self, seed: u64, every: f64) -> Story {
         let mut faults = Faults::new(seed, every, self.camera.faults(), self.arm.faults());
-        let location = self.begin_another();
+        let location = self.begin_another("{}");
         let planned_h = self.planned_hours();
         let mut story = Story {
             frames: 0,
@@ -133,9 +133,9 @@ impl Night {
         story
     }
 
-    /// Starts a session; where it is.
-    pub fn begin_another(&self) -> String {
-        let started = self.daemon.call("POST", "/v1/sessions", &[JSON], "{}");
+    /// Starts the session that is asked for; where it is.
+    pub fn begin_another(&self, asked: &str) -> String {
+        let started = self.daemon.call("POST", "/v1/sessions", &[JSON], asked);
         assert_eq!(started.status, 202, "{}", started.text);
         started.header("location").unwrap().to_owned()
     }
@@ -145,7 +145,7 @@ impl Night {
         planned["estimated_s"].as_f64().unwrap() / 3600.0
     }
 
-    pub fn wait_until_it_moves(&self) {
+    pub fn wait_until_it_moves(&self, location: &str) {
         let begin = Instant::now();
         let mut last = self.pose.get();
         loop {
@@ -155,7 +155,8 @@ impl Night {
                 return;
             }
             last = now;
-            assert!(begin.elapsed() < Duration::from_secs(60), "it never moves with the lamp lit: {now:?}");
+            let late = begin.elapsed() > Duration::from_secs(60);
+            assert!(!late, "it never moves with the lamp lit: {now:?}, {}", self.session(location));
         }
     }
 

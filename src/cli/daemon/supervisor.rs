@@ -3,6 +3,11 @@
 
 use crate::session::handle::EngineHandle;
 use sd_notify::NotifyState;
+use std::ffi::OsStr;
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// The daemon serves; from now on it pings the watchdog, if there is one.
 pub fn started(url: &str, engine: &EngineHandle) {
@@ -29,7 +34,20 @@ pub fn ending() {
 }
 
 fn tell(what: &[NotifyState]) {
-    if let Err(error) = sd_notify::notify(what) {
+    let Some(manager) = std::env::var_os("NOTIFY_SOCKET") else { return };
+    if let Err(error) = send(&manager, what) {
         tracing::warn!(%error, "systemd is not told {what:?}");
     }
+}
+
+/// Never waits, as `sd_notify::notify` does where the manager does not read: a manager that hangs must hold up neither Stop nor the lamp.
+fn send(manager: &OsStr, what: &[NotifyState]) -> io::Result<()> {
+    let address = match manager.as_bytes() {
+        [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
+        path => SocketAddr::from_pathname(OsStr::from_bytes(path))?,
+    };
+    let socket = UnixDatagram::unbound()?;
+    socket.set_nonblocking(true)?;
+    let lines: String = what.iter().map(|state| format!("{state}\n")).collect();
+    socket.send_to_addr(lines.as_bytes(), &address).map(drop)
 }

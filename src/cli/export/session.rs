@@ -15,6 +15,9 @@ use serde::Serialize;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
+/// Folders and files of a session without which a crate is not the session.
+const PARTS: [&str; 6] = ["frames", "radiance", "result", "journal.jsonl", "manifest.json", "dataset.toml"];
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Summary {
@@ -33,8 +36,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let out = outside(&args.out, &session)?;
     let Listed { files, left_out } = list(&session).map_err(bad_input)?;
     // The journal knows them as files; one that is left out would be missed by nobody.
-    if let Some(what) = left_out.iter().find(|what| what.starts_with("frames/") && !what.starts_with("frames/.")) {
-        return Err(bad_input(format!("{}: {what}: put the frame itself there", shown(&session))));
+    if let Some(what) = left_out.iter().find(|what| is_missed(what)) {
+        return Err(bad_input(format!("{}: {what}: put what it stands for there itself", shown(&session))));
     }
     let mut bag = Bag::new(&out).map_err(at_path).map_err(bad_input)?;
     for file in &files {
@@ -64,6 +67,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     ))?)
 }
 
+/// Whether what is left out (`name: why`) is a part of the session, or a picture of it that is no unfinished file.
+fn is_missed(what: &str) -> bool {
+    let name = what.split(": ").next().unwrap_or(what);
+    let picture = ["frames/", "radiance/"].iter().find_map(|folder| name.strip_prefix(folder));
+    PARTS.contains(&name) || picture.is_some_and(|picture| !picture.starts_with('.'))
+}
+
 /// The session, if it has ended and all its frames are what was committed.
 fn sound(session: &Path) -> anyhow::Result<(Manifest, SessionSnapshot)> {
     let refuse = |reason: String| bad_input(format!("{}: {reason}", shown(session)));
@@ -90,6 +100,9 @@ fn sound(session: &Path) -> anyhow::Result<(Manifest, SessionSnapshot)> {
 /// The directory of the bag; it must not lie in the session that it holds.
 fn outside(out: &Path, session: &Path) -> anyhow::Result<PathBuf> {
     let absolute = std::path::absolute(out).map_err(|e| bad_input(format!("{}: {e}", shown(out))))?;
+    if absolute.components().any(|part| part == std::path::Component::ParentDir) {
+        return Err(bad_input(format!("{}: give --out without `..`", shown(out))));
+    }
     let there = absolute.ancestors().find_map(|folder| folder.canonicalize().ok());
     if there.is_some_and(|folder| folder.starts_with(session)) {
         return Err(bad_input(format!("{}: this lies in the session itself: give another --out", shown(out))));

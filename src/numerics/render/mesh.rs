@@ -88,6 +88,31 @@ pub struct Parts {
 }
 
 impl Parts {
+    /// Without the vertices that no triangle has: a file may hold millions of them.
+    pub fn used(self) -> Self {
+        let mut place = vec![u32::MAX; self.positions.len()];
+        for corner in self.triangles.iter().flatten() {
+            if let Some(place) = place.get_mut(*corner as usize) {
+                *place = 0;
+            }
+        }
+        if !place.contains(&u32::MAX) {
+            return self;
+        }
+        let kept = place.iter_mut().filter(|place| **place == 0).zip(0..);
+        kept.for_each(|(place, number)| *place = number);
+        fn of<T>(list: Vec<T>, place: &[u32]) -> Vec<T> {
+            list.into_iter().zip(place).filter(|(_, place)| **place != u32::MAX).map(|(value, _)| value).collect()
+        }
+        let moved = |corner: u32| place.get(corner as usize).copied().unwrap_or(corner);
+        Self {
+            triangles: self.triangles.into_iter().map(|corners| corners.map(moved)).collect(),
+            positions: of(self.positions, &place),
+            normals: of(self.normals, &place),
+            uv: of(self.uv, &place),
+        }
+    }
+
     /// Puts another surface beside this one. Normals and texture coordinates that only one of them has: missing normals become
     /// zero, texture coordinates are given up.
     ///

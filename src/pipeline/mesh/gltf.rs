@@ -1,6 +1,6 @@
 //! glTF 2.0, by the crate `gltf`: the triangles of the default scene, every node where its transformations put it.
 
-use super::{MeshFileError, check_room};
+use super::{MeshFileError, check_room, cut};
 use crate::numerics::geometry::Vec3;
 use crate::numerics::render::mesh::{MeshError, Parts};
 use crate::pipeline::contain::contained;
@@ -11,6 +11,7 @@ use gltf::buffer::Source;
 use gltf::mesh::Mode;
 use gltf::{Gltf, Node, Primitive, Semantic};
 use nalgebra::{Matrix3, Matrix4, Point3};
+use percent_encoding::percent_decode_str;
 use std::panic::AssertUnwindSafe;
 
 /// Gives the bytes of a file by its name relative to the mesh's, or says why not.
@@ -18,6 +19,7 @@ pub type Open<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, String>;
 
 /// All surfaces of the default scene.
 pub fn read(bytes: &[u8], open: Open<'_>) -> Result<Parts, MeshFileError> {
+    check_description(bytes)?;
     let parsed = contained(|| Gltf::from_slice(bytes)).ok_or_else(gave_up)?;
     let gltf = parsed.map_err(|error| unreadable(error.to_string()))?;
     let buffers = buffers(&gltf, open)?;
@@ -25,7 +27,7 @@ pub fn read(bytes: &[u8], open: Open<'_>) -> Result<Parts, MeshFileError> {
 }
 
 fn unreadable(reason: impl Into<String>) -> MeshFileError {
-    MeshFileError::Unreadable { format: "glTF", reason: reason.into() }
+    MeshFileError::Unreadable { format: "glTF", reason: cut(reason.into()) }
 }
 
 fn gave_up() -> MeshFileError {
@@ -34,6 +36,25 @@ fn gave_up() -> MeshFileError {
 
 fn unsupported(what: impl Into<String>) -> MeshFileError {
     MeshFileError::Unsupported { what: what.into() }
+}
+
+/// Most objects of a description: nodes, meshes, accessors, materials. Each takes a hundred times its text in memory.
+const MOST_OBJECTS: usize = 1 << 18;
+
+/// Counts the objects of the description before memory is taken for them; text may hold a brace as well.
+fn check_description(bytes: &[u8]) -> Result<(), MeshFileError> {
+    let description = match bytes {
+        [b'g', b'l', b'T', b'F', _, _, _, _, _, _, _, _, a, b, c, d, _, _, _, _, rest @ ..] => {
+            let length = u32::from_le_bytes([*a, *b, *c, *d]) as usize;
+            &rest[..length.min(rest.len())]
+        }
+        whole => whole,
+    };
+    let objects = description.iter().filter(|&&byte| byte == b'{').count();
+    if objects > MOST_OBJECTS {
+        return Err(unsupported(format!("its description has {objects} objects, more than {MOST_OBJECTS}")));
+    }
+    Ok(())
 }
 
 /// Most bytes of all buffers together: those of the largest mesh several times over.
@@ -48,10 +69,11 @@ fn buffers(gltf: &Gltf, open: Open<'_>) -> Result<Vec<Vec<u8>>, MeshFileError> {
             Source::Bin => ("inside the file", inside.take().ok_or_else(|| "it is missing".to_owned())),
             Source::Uri(uri) => match uri.strip_prefix("data:") {
                 Some(data) => ("in the description", embedded(data)),
-                None => (uri, open(uri)),
+                None => (uri, decoded(uri).and_then(|name| open(&name))),
             },
         };
-        let refused = |reason| MeshFileError::Buffer { buffer: format!("{} ({name})", buffer.index()), reason };
+        let refused =
+            |reason| MeshFileError::Buffer { buffer: format!("{} ({})", buffer.index(), cut(name.to_owned())), reason };
         let bytes = bytes.map_err(refused)?;
         if bytes.len() < buffer.length() {
             let reason = format!("{} bytes where {} are described: copy the files again", bytes.len(), buffer.length());
@@ -64,6 +86,12 @@ fn buffers(gltf: &Gltf, open: Open<'_>) -> Result<Vec<Vec<u8>>, MeshFileError> {
         buffers.push(bytes);
     }
     Ok(buffers)
+}
+
+/// The name that an address stands for (glTF 2.0, 3.6.1.1; RFC 3986): `my%20buffer.bin`, `./buffer.bin`.
+fn decoded(uri: &str) -> Result<String, String> {
+    let name = percent_decode_str(uri.strip_prefix("./").unwrap_or(uri)).decode_utf8();
+    name.map(Into::into).map_err(|_| "its address is not UTF-8: rename it".to_owned())
 }
 
 fn embedded(data: &str) -> Result<Vec<u8>, String> {

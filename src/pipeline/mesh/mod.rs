@@ -68,7 +68,17 @@ pub fn read(format: Format, bytes: &[u8], open: Open<'_>) -> Result<Mesh, MeshFi
         Format::Obj => obj::read(bytes),
         Format::Gltf => gltf::read(bytes, open),
     };
-    Ok(Mesh::new(parts?)?)
+    Ok(Mesh::new(parts?.used())?)
+}
+
+/// What a foreign file or decoder says, in a length that a message may have.
+fn cut(mut words: String) -> String {
+    const MOST: usize = 300;
+    if let Some((end, _)) = words.char_indices().nth(MOST) {
+        words.truncate(end);
+        words.push_str(" ...");
+    }
+    words
 }
 
 /// Refuses so many triangles and vertices before memory is taken for them.

@@ -1,6 +1,6 @@
 //! Wavefront OBJ, by the crate `tobj`.
 
-use super::{MeshFileError, check_room};
+use super::{MeshFileError, check_room, cut};
 use crate::numerics::geometry::Vec3;
 use crate::numerics::render::mesh::Parts;
 use crate::pipeline::contain::contained;
@@ -9,7 +9,7 @@ use tobj::{LoadError, LoadOptions, Model};
 /// All surfaces of a file. Polygons are cut into triangles, points and lines passed over. Normals and texture coordinates of
 /// a part of which only some corners have them do not count.
 pub fn read(bytes: &[u8]) -> Result<Parts, MeshFileError> {
-    let unreadable = |reason: String| MeshFileError::Unreadable { format: "OBJ", reason };
+    let unreadable = |reason: String| MeshFileError::Unreadable { format: "OBJ", reason: cut(reason) };
     let (triangles, vertices) = count(bytes);
     // Normals and texture coordinates are lists of their own; together with the positions they are what memory is taken for.
     check_room(triangles, vertices)?;
@@ -31,6 +31,8 @@ fn count(bytes: &[u8]) -> (usize, usize) {
         let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         match words.next() {
             Some(b"f") => triangles += words.count().saturating_sub(2).max(1),
+            // They are passed over, but not before they were read.
+            Some(b"l" | b"p") => triangles += words.count(),
             Some(b"v") => lists[0] += 1,
             Some(b"vt") => lists[1] += 1,
             Some(b"vn") => lists[2] += 1,
