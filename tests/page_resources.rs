@@ -28,6 +28,30 @@ fn events(daemon: &Daemon, path: &str) -> Vec<(Option<u64>, Value)> {
     all
 }
 
+/// What the system itself says of disk and memory, and what a dry run says of the plan.
+#[test]
+fn the_rig_tells_what_the_computer_has_and_what_its_own_plan_needs() {
+    let daemon = Daemon::start();
+    let rig = daemon.get("/v1/rig").json();
+    let df =
+        std::process::Command::new("df").args(["--output=avail", "-B1"]).arg(std::env::temp_dir()).output().unwrap();
+    let avail: f64 = String::from_utf8(df.stdout).unwrap().lines().nth(1).unwrap().trim().parse().unwrap();
+    let free = rig["computer"]["disk_free_bytes"].as_f64().unwrap();
+    assert!((free / avail - 1.0).abs() < 0.2, "{free} bytes told, {avail} by df");
+    let meminfo = std::fs::read_to_string("/proc/meminfo").unwrap();
+    let total =
+        meminfo.lines().find_map(|l| l.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    let memory = rig["computer"]["memory_bytes"].as_u64().unwrap();
+    assert!(memory > 0 && memory <= total.unwrap() * 1024, "{memory} of {total:?} kB");
+    let plan = daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], "{}").json();
+    assert_eq!(rig["own_plan"]["disk_bytes"], plan["estimated_bytes"]);
+    assert_eq!(
+        (&rig["own_plan"]["calibration"], &rig["own_plan"]["warnings"]),
+        (&plan["calibration"], &plan["warnings"])
+    );
+    assert!(rig["own_plan"]["memory_bytes"].as_u64().unwrap() > 0);
+}
+
 fn start(daemon: &Daemon) -> String {
     let started = daemon.call("POST", "/v1/sessions", &[JSON], PLAN);
     assert_eq!(started.status, 202, "{}", started.text);
