@@ -81,6 +81,21 @@ fn assert_in_order(told: &[(Option<u64>, Value)], first: u64) {
     assert!(!revisions.is_empty() && revisions.windows(2).all(|pair| pair[0] < pair[1]), "{revisions:?}");
 }
 
+/// Two lights do not determine the lobes: the session says of how many parameters, counted in what GET material tells.
+#[test]
+fn a_session_tells_how_many_parameters_are_weak() {
+    let daemon = Daemon::start();
+    let plan = r#"{"stations_deg": [-55, -20], "exposures": ["1", "1/4", "1/20", "1/100"]}"#;
+    let started = daemon.call("POST", "/v1/sessions", &[JSON], plan);
+    let location = started.header("location").unwrap().to_owned();
+    let session = wait(&daemon, &location, |session| session["ended"] != Value::Null);
+    let material = daemon.get(&format!("{location}/material")).json()["material"].to_string();
+    let (all, sound) =
+        (material.matches(r#""identified":""#).count(), material.matches(r#""identified":"identified""#).count());
+    assert!(all > sound, "{material}");
+    assert_eq!(session["weak_parameters"], all - sound);
+}
+
 #[test]
 fn a_fit_is_watched_verified_and_fitted_again() {
     let daemon = Daemon::start();

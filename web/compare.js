@@ -105,7 +105,7 @@ async function show(box, ids) {
 }
 
 export function compare(view, first, second) {
-  const chosen = chooser();
+  const chosen = chooser(first, second);
   const known = () => rig.sessions.filter((s) => s.mean_relative_error != null);
   const hint = h("p", {});
   const update = () => {

@@ -17,7 +17,7 @@ function verdict(status) {
 const TITLES = ["session", "started", "end", "taken up again", "error", "frames on disk"];
 
 /// Two sessions to be compared.
-export function chooser() {
+export function chooser(first, second) {
   const [a, b] = ["First session", "Second session"].map((name) => h("select", { "aria-label": name }));
   const go = h("button", { type: "submit" }, "Compare");
   const form = h("form", { className: "verbs", onsubmit: (event) => {
@@ -27,7 +27,7 @@ export function chooser() {
   const update = (fitted) => {
     form.hidden = fitted.length < 2;
     if (a.options.length === fitted.length) return;
-    const chosen = [a.value || fitted[1]?.id, b.value || fitted[0]?.id];
+    const chosen = [a.value || first || fitted[1]?.id, b.value || second || fitted[0]?.id];
     [a, b].forEach((select, i) => {
       select.replaceChildren(...fitted.map((s) => h("option", { value: s.id }, `${s.name}, ${when(s.started)}`)));
       select.value = chosen[i];

@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 
 import material
 from driven import LONG, LOOKS, Browser, check, chromium as started, ended, judged, until
-from rigs import Arm, Daemon, replayed, shipped, slower
+from rigs import Arm, Daemon, calibrated, replayed, shipped, slower
 
 RIGD, PICTURES = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
 VIEWS = {"dashboard": "", "new": "new", "queue": "queue", "frames": "frames", "fit": "fit", "results": "results",
@@ -378,9 +378,10 @@ def main():
             is_queued(chromium, daemon)
             is_stopped(chromium, daemon)
             weak_fit_is_marked(chromium, daemon)
-            calibration_is_led(chromium, daemon)
             stop_outlasts_the_daemon(chromium, daemon)
         faults_are_told(chromium, folder, frames)
+        with Daemon(RIGD, folder / "calibrated", calibrated()) as daemon:
+            calibration_is_led(chromium, daemon)
         tokens_are_asked_for(chromium, folder)
     return ended()
 
