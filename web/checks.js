@@ -1,6 +1,6 @@
 // What a session needs, check by check, from what GET /v1/rig says: on Health, and before a session is started.
 import { calibrating, rig, running } from "/rig.js";
-import { bytes, clock, count, duration, h, when } from "/show.js";
+import { bytes, clock, count, duration, forPeople, h, when } from "/show.js";
 
 const CLOCK_S = 30;     // a clock that is farther from this device's is told
 const WORDS = { good: "✓ fine", warn: "⚠ look at it", bad: "✕ wrong", open: "– not known", none: "– none" };
@@ -31,7 +31,7 @@ function time({ computer }, warnings) {
 /// A device's fault, as the daemon last met it; without one it was fine then.
 function device(pattern, reasons, fine) {
   const wrong = said(reasons, pattern);
-  return wrong ? ["bad", wrong] : ["good", fine];
+  return wrong ? ["bad", forPeople(wrong)] : ["good", fine];
 }
 
 const SUPPLIES = /battery|card takes/;

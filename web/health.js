@@ -2,7 +2,7 @@
 import { ask, attempt, token, useToken } from "/api.js";
 import { busy, checks, table as checkTable } from "/checks.js";
 import { rig } from "/rig.js";
-import { badge, clockSeconds, facts, fill, h, list, when } from "/show.js";
+import { badge, clockSeconds, facts, fill, forPeople, h, list, when } from "/show.js";
 
 /// OpenMetrics text as rows: name with labels, value, meaning.
 function metrics(text) {
@@ -21,7 +21,7 @@ function table(rows) {
 
 /// In one sentence: whether a session could start now.
 function readiness({ ready, reasons }) {
-  if (!ready) return list("Not ready", reasons, "warnings");
+  if (!ready) return list("Not ready", reasons.map(forPeople), "warnings");
   const held = busy();
   if (held) return h("p", { className: "banner" }, `The rig is ${held}. `, h("a", { href: "#/new/queue" }, "Put a session into the queue"));
   return h("p", { className: "banner good" }, "Ready: a session could start now.");

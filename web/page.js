@@ -13,7 +13,7 @@ import { results, viewer } from "/results.js";
 import { ended, listen, look, rig, running } from "/rig.js";
 import { run, watch } from "/run.js";
 import { settings } from "/settings.js";
-import { $, h, state } from "/show.js";
+import { $, forPeople, h, state } from "/show.js";
 import { armStop, showStop } from "/verbs.js";
 
 const VIEWS = {
@@ -58,7 +58,7 @@ function showRig() {
   $("rig").textContent = status.name;
   $("simulated").hidden = !status.simulated;
   $("not-ready").hidden = status.ready;
-  $("not-ready").textContent = `Not ready: ${status.reasons.join("; ")}`;
+  $("not-ready").textContent = `Not ready: ${status.reasons.map(forPeople).join("; ")}`;
 }
 
 /// What is worth saying aloud: the state and the last thing that went wrong or was put right, not every frame.

@@ -50,7 +50,7 @@ def is_planned_and_shot(chromium, daemon):
     stations.fill("-55 -20 15 50 85 115 140")
     expect(page.get_by_text("70 frames")).to_be_visible()
     check("what is needed and checked stands before Start", page.locator(".preflight .check.good").count() >= 5)
-    expect(page.locator(".dry")).to_contain_text(re.compile(r"needed, \S+ [MGT]B free"))
+    expect(page.locator(".dry")).to_contain_text(re.compile(r"needed, \S+\s[MGT]B free"))
     expect(page.locator(".dry")).to_contain_text(re.compile(r"Ends about\d\d:\d\d"))
     page.get_by_label("Name of the sample").fill("marble ball")
     for browser in (main, phone):
@@ -123,7 +123,7 @@ def last_frame_and_disk_are_told(page, daemon):
     # Chromium's JPEG decoder and Pillow's may round a level of 254 and a half to either side.
     check(f"{shown} % of the last frame is clipped, {true:.2f} % by another decoder", abs(shown - true) < 0.5, label)
     disk = page.locator(".disk")
-    expect(disk).to_contain_text(re.compile(r"needs up to \S+ [kM]B more"))
+    expect(disk).to_contain_text(re.compile(r"needs up to \S+\s[kM]B more"))
     free, unit = re.search(r"Free(\S+)\xa0([MGT])B", disk.text_content()).groups()
     system = shutil.disk_usage(daemon.folder).free
     shown = float(free) * {"M": 1e6, "G": 1e9, "T": 1e12}[unit]
