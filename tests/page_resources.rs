@@ -28,6 +28,27 @@ fn events(daemon: &Daemon, path: &str) -> Vec<(Option<u64>, Value)> {
     all
 }
 
+/// What the system itself says of disk and memory, and what a dry run says of the plan.
+#[test]
+fn the_rig_tells_what_the_computer_has_and_what_its_own_plan_needs() {
+    let daemon = Daemon::start();
+    let rig = daemon.get("/v1/rig").json();
+    let df =
+        std::process::Command::new("df").args(["--output=avail", "-B1"]).arg(std::env::temp_dir()).output().unwrap();
+    let avail: f64 = String::from_utf8(df.stdout).unwrap().lines().nth(1).unwrap().trim().parse().unwrap();
+    let free = rig["computer"]["disk_free_bytes"].as_f64().unwrap();
+    assert!((free / avail - 1.0).abs() < 0.2, "{free} bytes told, {avail} by df");
+    let meminfo = std::fs::read_to_string("/proc/meminfo").unwrap();
+    let total =
+        meminfo.lines().find_map(|l| l.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    let memory = rig["computer"]["memory_bytes"].as_u64().unwrap();
+    assert!(memory > 0 && memory <= total.unwrap() * 1024, "{memory} of {total:?} kB");
+    let plan = daemon.call("POST", "/v1/sessions?dry_run=true", &[JSON], "{}").json();
+    assert_eq!(rig["own_plan"]["disk_bytes"], plan["estimated_bytes"]);
+    assert_eq!(rig["own_plan"]["calibration"], plan["calibration"]);
+    assert!(rig["own_plan"]["memory_bytes"].as_u64().unwrap() > 0);
+}
+
 fn start(daemon: &Daemon) -> String {
     let started = daemon.call("POST", "/v1/sessions", &[JSON], PLAN);
     assert_eq!(started.status, 202, "{}", started.text);
@@ -55,6 +76,21 @@ fn assert_in_order(told: &[(Option<u64>, Value)], first: u64) {
     }
     let revisions: Vec<u64> = told.iter().filter_map(|(_, data)| data["revision"].as_u64()).collect();
     assert!(!revisions.is_empty() && revisions.windows(2).all(|pair| pair[0] < pair[1]), "{revisions:?}");
+}
+
+/// Two lights do not determine the lobes: the session says of how many parameters, counted in what GET material tells.
+#[test]
+fn a_session_tells_how_many_parameters_are_weak() {
+    let daemon = Daemon::start();
+    let plan = r#"{"stations_deg": [-55, -20], "exposures": ["1", "1/4", "1/20", "1/100"]}"#;
+    let started = daemon.call("POST", "/v1/sessions", &[JSON], plan);
+    let location = started.header("location").unwrap().to_owned();
+    let session = wait(&daemon, &location, |session| session["ended"] != Value::Null);
+    let material = daemon.get(&format!("{location}/material")).json()["material"].to_string();
+    let (all, sound) =
+        (material.matches(r#""identified":""#).count(), material.matches(r#""identified":"identified""#).count());
+    assert!(all > sound, "{material}");
+    assert_eq!(session["weak_parameters"], all - sound);
 }
 
 #[test]

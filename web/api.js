@@ -74,7 +74,7 @@ export async function attempt(work, refused = say) {
   try {
     return await work();
   } catch (error) {
-    if (error.problem) refused(error.message);
+    if (error.problem) refused(error.message, error.problem);
     else if (!(error instanceof Unreachable)) throw error;
   }
 }

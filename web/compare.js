@@ -1,7 +1,9 @@
 // Two fitted materials side by side: figures, parameters with what their standard errors say of the difference, pictures.
 import { ask, attempt, blob, link } from "/api.js";
 import { FILES, rows, shown } from "/material.js";
-import { badge, count, h, percent, when } from "/show.js";
+import { chooser } from "/history.js";
+import { rig } from "/rig.js";
+import { badge, count, errorOf, h, percent, when } from "/show.js";
 
 const DIFFERS = 3;      // standard deviations
 const GAP = 4;          // pixels between the pictures of preview.png
@@ -26,6 +28,7 @@ function pairs(a, b) {
 /// What two values with their standard errors say of each other.
 function difference(p, q) {
   if (p.identified === "unidentified" || q.identified === "unidentified") return ["", "not determined in both"];
+  if (p.identified === "weak" || q.identified === "weak") return ["", "weak in one: no verdict"];
   const sigma = Math.hypot(p.standard_error ?? 0, q.standard_error ?? 0);
   if (!sigma) return ["", "no standard error: fixed by the gauge"];
   const z = (q.value - p.value) / sigma;
@@ -46,7 +49,7 @@ const FIGURES = [
   ["Taken up again", ({ session }) => (session.interruptions ? `${session.interruptions} times` : "never")],
   ["Calibration", ({ session }) => (session.calibration ? String(session.calibration.version) : "rig file")],
   ["Model", ({ report }) => `${count(report.materials, "material")}, ${report.model}, ${report.lobe}`],
-  ["Mean relative error", ({ report }) => percent(report.mean_relative_error)],
+  ["Mean relative error", ({ session, report }) => errorOf({ ...session, mean_relative_error: report.mean_relative_error })],
   ["On highlights", ({ report }) => orNone(report.highlight_relative_error)],
   ["On left-out lights", ({ report }) => orNone(report.left_out_relative_error)],
   ["Chi² per degree of freedom", ({ report }) => report.reduced_chi2.toPrecision(3)],
@@ -102,9 +105,19 @@ async function show(box, ids) {
 }
 
 export function compare(view, first, second) {
+  const chosen = chooser(first, second);
+  const known = () => rig.sessions.filter((s) => s.mean_relative_error != null);
+  const hint = h("p", {});
+  const update = () => {
+    if (!rig.status) return;
+    chosen.update(known());
+    hint.textContent = known().length < 2 ? "Two fitted sessions are needed, and there are not so many yet." : "";
+  };
+  view.append(h("h2", {}, "Compare"), chosen.form, hint);
+  update();
+  if (!first || !second) return { update };
   const box = h("div", {}, h("p", {}, "Loading …"));
-  view.append(h("h2", {}, "Compare"), box);
-  if (!first || !second) box.replaceChildren(h("p", {}, "Choose two sessions in the ", h("a", { href: "#/history" }, "history"), "."));
-  else attempt(() => show(box, [first, second]), (reason) => box.replaceChildren(h("p", { className: "warnings" }, reason)));
-  return {};
+  view.append(box);
+  attempt(() => show(box, [first, second]), (reason) => box.replaceChildren(h("p", { className: "warnings" }, reason)));
+  return { update };
 }

@@ -1,5 +1,5 @@
 // The light dome from above: the arm's travel, the stations on it, the object in the middle, the camera below.
-import { degrees, svg } from "/show.js";
+import { degrees, numbered, svg } from "/show.js";
 
 const RADIUS = 100;
 const LABELS_APART = 16;
@@ -52,7 +52,7 @@ export function dome(angles, travel, active, mark, words) {
   const stations = angles.map((angle, i) => {
     const [x, y] = at(angle, RADIUS);
     const kind = i === active ? "active" : mark(i);
-    const title = svg("title", {}, `station ${i}, ${degrees(angle)}: ${i === active ? "being shot" : { done: "on disk", bad: "refused", todo: "to come" }[kind]}`);
+    const title = svg("title", {}, `station ${numbered(i)}, ${degrees(angle)}: ${i === active ? "being shot" : { done: "on disk", bad: "refused", todo: "to come" }[kind]}`);
     if (kind === "bad") return svg("path", { d: `M ${x - dot} ${y - dot} l ${2 * dot} ${2 * dot} m 0 ${-2 * dot} l ${-2 * dot} ${2 * dot}`, class: kind }, title);
     return svg("circle", { cx: x, cy: y, r: i === active ? dot + 3 : dot, class: kind }, title);
   });

@@ -3,7 +3,7 @@ import { attempt, blob } from "/api.js";
 import { cell, fate } from "/journal.js";
 import { current } from "/rig.js";
 import { active, run, watch } from "/run.js";
-import { badge, bytes, clock, degrees, facts, fill, h, list } from "/show.js";
+import { badge, bytes, clock, degrees, facts, fill, forPeople, h, list, numbered } from "/show.js";
 
 const SIGNS = { done: "●", again: "↻", refused: "✕", left: "–", todo: "·" };
 const WORDS = { done: "on disk", again: "on disk, shot again", refused: "refused, to be shot again", left: "left out", todo: "to come" };
@@ -39,7 +39,7 @@ export function frames(view, id) {
     })));
     table.replaceChildren(
       h("thead", {}, h("tr", { role: "row" }, h("th", { scope: "col", role: "columnheader" }, "Station"), exposures.map((e) => h("th", { scope: "col", role: "columnheader" }, e.label)))),
-      h("tbody", {}, stations.map((s, i) => h("tr", { role: "row" }, h("th", { scope: "row", role: "rowheader" }, `${i}: ${degrees(s.angle_deg)}`),
+      h("tbody", {}, stations.map((s, i) => h("tr", { role: "row" }, h("th", { scope: "row", role: "rowheader" }, `${numbered(i)}: ${degrees(s.angle_deg)}`),
         buttons[i].map((button) => h("td", { role: "gridcell" }, button))))));
   }
 
@@ -58,7 +58,7 @@ export function frames(view, id) {
     const kind = fate(run.told, station, exposure);
     const { stations, exposures } = run.plan;
     const figure = h("figure", {});
-    chosen.replaceChildren(h("h3", {}, `Station ${station}, exposure ${exposure} (${exposures[exposure].label} s): ${WORDS[kind]}`), facts([
+    chosen.replaceChildren(h("h3", {}, `Station ${numbered(station)}, exposure ${numbered(exposure)} (${exposures[exposure].label} s): ${WORDS[kind]}`), facts([
       ["Angle planned", degrees(stations[station].angle_deg)],
       ["Angle by the arm", frame?.angle_deg == null ? "" : `${frame.angle_deg.toFixed(2)}°`],
       ["Shutter open", `${exposures[exposure].true_s.toPrecision(4)} s`],
@@ -69,7 +69,7 @@ export function frames(view, id) {
       ["Arrived after rest", frame?.since_rest_s && `${frame.since_rest_s[1].toFixed(1)} s`],
       ["Taken, by the camera", frame?.taken],
       ["Hash (BLAKE3)", frame?.blake3],
-    ]), list("Refused", refusals.map((r) => `${clock(r.time)}: ${r.reason}`), "warnings"), figure);
+    ]), list("Refused", refusals.map((r) => `${clock(r.time)}: ${forPeople(r.reason)}`), "warnings"), figure);
     if (frame) attempt(() => show(figure, frame.file));
   }
 
@@ -96,7 +96,7 @@ export function frames(view, id) {
       if (button.className === kind) return;
       button.className = kind;
       button.textContent = SIGNS[kind];
-      const words = `station ${station}, ${degrees(plan.stations[station].angle_deg)}, exposure ${exposure} (${plan.exposures[exposure].label} s): ${WORDS[kind]}`;
+      const words = `station ${numbered(station)}, ${degrees(plan.stations[station].angle_deg)}, exposure ${numbered(exposure)} (${plan.exposures[exposure].label} s): ${WORDS[kind]}`;
       button.title = words;
       button.setAttribute("aria-label", words);
     }));

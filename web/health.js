@@ -1,7 +1,8 @@
 // Whether the rig could work now, and what it is made of.
 import { ask, attempt, token, useToken } from "/api.js";
+import { busy, checks, table as checkTable } from "/checks.js";
 import { rig } from "/rig.js";
-import { badge, clock, facts, fill, h, list, when } from "/show.js";
+import { badge, clockSeconds, facts, fill, forPeople, h, list, when } from "/show.js";
 
 /// OpenMetrics text as rows: name with labels, value, meaning.
 function metrics(text) {
@@ -18,14 +19,12 @@ function table(rows) {
     h("tbody", {}, rows.map(([name, value, words]) => h("tr", {}, h("th", { scope: "row" }, h("code", {}, name)), h("td", {}, String(+(+value).toPrecision(6))), h("td", {}, words)))));
 }
 
-function devices({ name, version, arm, camera, lamp }) {
-  return facts([
-    ["Rig", name],
-    ["Daemon", `rigd ${version}`],
-    ["Arm", arm && `${arm.driver}, travels from ${arm.travel_deg[0]}° to ${arm.travel_deg[1]}°`],
-    ["Camera", camera && `${camera.driver}, frames of ${camera.width} x ${camera.height} pixels`],
-    ["Lamp", `${lamp.lit ? "lit" : "off"}, ${lamp.hours.toFixed(1)}${lamp.rated_hours == null ? "" : ` of ${lamp.rated_hours}`} hours`],
-  ]);
+/// In one sentence: whether a session could start now.
+function readiness({ ready, reasons }) {
+  if (!ready) return list("Not ready", reasons.map(forPeople), "warnings");
+  const held = busy();
+  if (held) return h("p", { className: "banner" }, `The rig is ${held}. `, h("a", { href: "#/new/queue" }, "Put a session into the queue"));
+  return h("p", { className: "banner good" }, "Ready: a session could start now.");
 }
 
 function access() {
@@ -36,6 +35,12 @@ function access() {
 
 const LINES = 200;
 
+/// Ids of sessions and calibrations as the names that people gave them, where those are known.
+const withNames = (text) => text.replace(/[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}/g, (id) => {
+  const known = [...rig.sessions, ...rig.calibrations].find((one) => one.id === id);
+  return known ? `“${known.name}”` : id;
+});
+
 /// The daemon's last log lines, newest below; what is new is appended.
 function log() {
   const lines = h("ol", { className: "log" });
@@ -45,7 +50,7 @@ function log() {
     const page = await ask(`/v1/log?lines=${LINES}&after=${last}`);
     if (!page.lines.length) return;
     last = page.lines.at(-1).seq;
-    lines.append(...page.lines.map((one) => h("li", { className: one.level.toLowerCase() }, h("time", { dateTime: one.time }, clock(one.time)), ` ${one.level} ${one.text} `, h("small", {}, one.target))));
+    lines.append(...page.lines.map((one) => h("li", { className: one.level.toLowerCase() }, h("time", { dateTime: one.time }, clockSeconds(one.time)), ` ${one.level} ${withNames(one.text)} `, h("small", {}, one.target))));
     while (lines.children.length > LINES) lines.firstChild.remove();
     box.scrollTop = box.scrollHeight;
   };
@@ -54,15 +59,15 @@ function log() {
 
 export function health(view) {
   const tail = log();
-  const parts = ["ready", "devices", "calibrations", "metrics"].map((name) => [name, h("div", {})]);
-  const { ready, devices: made, calibrations, metrics: counted } = Object.fromEntries(parts);
-  view.append(h("h2", {}, "Health"), ready, h("h3", {}, "Devices"), made, calibrations, h("h3", {}, "Token"), access(), h("h3", {}, "Log"), tail.box, h("h3", {}, "Metrics"), h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Metrics" }, counted));
+  const parts = ["ready", "checked", "calibrations", "metrics"].map((name) => [name, h("div", {})]);
+  const { ready, checked, calibrations, metrics: counted } = Object.fromEntries(parts);
+  view.append(h("h2", {}, "Health"), ready, h("h3", {}, "Checks"), checked, calibrations, h("h3", {}, "Token"), access(), h("h3", {}, "Log"), tail.box, h("h3", {}, "Metrics"), h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Metrics" }, counted));
 
   const update = () => {
     const { status } = rig;
     if (!status) return;
-    fill(ready, status.ready ? h("p", { className: "banner good" }, "Ready: a session could start now.") : list("Not ready", status.reasons, "warnings"));
-    fill(made, devices(status));
+    fill(ready, readiness(status));
+    fill(checked, checkTable(checks()), list("Warnings", status.own_plan?.warnings ?? [], "warnings"), facts([["Rig", status.name], ["Daemon", `rigd ${status.version}`]]));
     fill(calibrations, list("Calibrations", rig.calibrations.slice(0, 5).map((one) => h("span", {}, `${one.version} (${one.kind}) of ${when(one.started)} `, badge(one.state)))));
   };
   const look = () => attempt(async () => {

@@ -1,7 +1,7 @@
 // Every session: how it ended, how often it was taken up again, whether its frames are sound; and which two to compare.
 import { ask, attempt, post } from "/api.js";
 import { ended, lookBack, rig } from "/rig.js";
-import { badge, fill, h, percent, when } from "/show.js";
+import { badge, errorOf, fill, forPeople, h, when } from "/show.js";
 
 const AGAIN_MS = 500;
 const WORDS = {
@@ -14,8 +14,10 @@ function verdict(status) {
   return [h("span", { className: status.soundness }, WORDS[status.soundness]), time, status.faults.length ? h("ul", { className: "warnings" }, status.faults.slice(0, 5).map((fault) => h("li", {}, fault))) : ""];
 }
 
+const TITLES = ["session", "started", "end", "taken up again", "error", "frames on disk"];
+
 /// Two sessions to be compared.
-function chooser() {
+export function chooser(first, second) {
   const [a, b] = ["First session", "Second session"].map((name) => h("select", { "aria-label": name }));
   const go = h("button", { type: "submit" }, "Compare");
   const form = h("form", { className: "verbs", onsubmit: (event) => {
@@ -25,7 +27,7 @@ function chooser() {
   const update = (fitted) => {
     form.hidden = fitted.length < 2;
     if (a.options.length === fitted.length) return;
-    const chosen = [a.value || fitted[1]?.id, b.value || fitted[0]?.id];
+    const chosen = [a.value || first || fitted[1]?.id, b.value || second || fitted[0]?.id];
     [a, b].forEach((select, i) => {
       select.replaceChildren(...fitted.map((s) => h("option", { value: s.id }, `${s.name}, ${when(s.started)}`)));
       select.value = chosen[i];
@@ -38,7 +40,7 @@ export function history(view) {
   const chosen = chooser();
   const body = h("tbody", {});
   const older = h("button", { type: "button", onclick: () => attempt(lookBack) }, "Older sessions");
-  const head = ["session", "started", "end", "taken up again", "error", "frames on disk"].map((title) => h("th", { scope: "col" }, title));
+  const head = TITLES.map((title) => h("th", { scope: "col" }, title));
   view.append(h("h2", {}, "History"), chosen.form, h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Sessions" },
     h("table", { className: "history" }, h("thead", {}, h("tr", {}, head)), body)), older);
   const known = new Map();      // soundness by session
@@ -61,10 +63,11 @@ export function history(view) {
   function line(s) {
     const status = known.get(s.id);
     const button = h("button", { type: "button", "aria-label": `Verify ${s.name}`, disabled: status?.soundness === "verifying", onclick: () => verify(s.id) }, "Verify");
-    return h("tr", {}, h("th", { scope: "row" }, h("a", { href: `#/results/${s.id}` }, s.name)), h("td", {}, when(s.started)),
-      h("td", {}, badge(s.state), s.reason ? h("div", { className: "reason" }, s.reason) : "", s.ended ? h("small", {}, when(s.ended)) : ""),
-      h("td", {}, s.interruptions ? `${s.interruptions} times` : "never"), h("td", {}, s.mean_relative_error == null ? "no fit" : percent(s.mean_relative_error)),
-      h("td", {}, verdict(status), " ", ended(s) ? button : ""));
+    const cells = [when(s.started),
+      [badge(s.state), s.reason ? h("div", { className: "reason" }, forPeople(s.reason)) : "", s.ended ? h("small", {}, when(s.ended)) : ""],
+      s.interruptions ? `${s.interruptions} times` : "never", errorOf(s, "no fit"), [verdict(status), " ", ended(s) ? button : ""]];
+    // On a phone a row is a card, and its cells tell what they are.
+    return h("tr", {}, h("th", { scope: "row" }, h("a", { href: `#/results/${s.id}` }, s.name)), cells.map((cell, i) => h("td", { "data-title": TITLES[i + 1] }, ...[cell].flat())));
   }
 
   const shown = new Map();      // what a row was made of: rows that are as they were keep the focus

@@ -1,11 +1,13 @@
 // What a session's journal tells that its snapshot does not: every cell of the plan, and all that went wrong and was put right. The
 // events are the same that `curl -N .../events` prints, from the first on.
+import { forPeople } from "/show.js";
 
 export const journal = () => ({
   last: 0,            // sequence number of the last record
   cells: new Map(),   // "station/exposure": frame on disk, refusals, frames that no longer count
   left: new Map(),    // station: the exposures that sufficed (adaptive sessions)
   enough: null,       // stations that sufficed
+  frame: null,        // the last frame that was committed
   notes: [],          // what somebody should know, oldest first
 });
 
@@ -35,7 +37,7 @@ function take(told, frame) {
   own(told, frame).frame = frame;
 }
 
-/// Numbered from 0, as in files, reasons and reports of the daemon.
+/// As the daemon writes it, numbered from 0; the note as a whole is put into people's numbers.
 const place = (r) => `station ${r.station}${r.exposure == null ? "" : `, exposure ${r.exposure}`}`;
 
 /// Words for a record that somebody should know of: kind and text.
@@ -58,9 +60,12 @@ export function apply(told, record) {
   if (record.seq <= told.last) return;
   told.last = record.seq;
   const note = NOTES[record.type]?.(record) ?? (record.warnings?.length ? ["lamp", record.warnings.join("; ")] : null);
-  if (note) told.notes.push({ time: record.time, kind: note[0], text: note[1] });
+  if (note) told.notes.push({ time: record.time, kind: note[0], text: forPeople(note[1]) });
   switch (record.type) {
-    case "frame.committed": take(told, record); break;
+    case "frame.committed":
+      told.frame = record;
+      take(told, record);
+      break;
     case "frame.rejected": own(told, record).refusals.push(record); break;
     case "frame.lost": lose(told, (frame) => frame.file === record.file); break;
     case "bracket.rejected": if (record.whole) lose(told, (frame) => frame.station === record.station); break;

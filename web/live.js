@@ -4,7 +4,7 @@ import { bar, errors, residuals } from "/chart.js";
 import { rows, shown } from "/material.js";
 import { current, ended } from "/rig.js";
 import { run, watch } from "/run.js";
-import { badge, count, facts, fill, h, percent } from "/show.js";
+import { badge, count, facts, fill, h, percent, weakness } from "/show.js";
 
 const STEPS = {
   load: "read the dataset", observe: "gather samples", choose: "choose model and materials by left-out lights", fit: "fit", uncertainty: "standard errors",
@@ -44,6 +44,13 @@ function tried({ candidates }) {
     h("thead", {}, h("tr", {}, ["candidate", "error on left-out lights", "verdict"].map((title) => h("th", { scope: "col" }, title)))), h("tbody", {}, lines)));
 }
 
+/// Why there is nothing to watch, in words.
+function absent(session) {
+  if (!ended(session)) return "The fit has not begun: it does when the frames are there.";
+  if (session.mean_relative_error == null) return "Nothing of this session was fitted.";
+  return "This fit ended a while ago, and the daemon shows the last one alone. What came of it is in the result; “Fit again” lets you watch it anew.";
+}
+
 export function live(view, id) {
   const names = ["head", "steps", "chart", "materials", "map", "tried"];
   const parts = Object.fromEntries(names.map((name) => [name, h("div", { className: `fit-${name}` })]));
@@ -65,11 +72,12 @@ export function live(view, id) {
     const name = session ? [session.name, " ", badge(session.state)] : "";
     const links = session ? h("p", { className: "verbs" }, h("a", { href: `#/results/${session.id}` }, "Result")) : "";
     if (!fit) {
-      fill(parts.head, h("h2", {}, "Fit ", name), h("p", {}, session ? why || "Loading …" : "No session yet."), links);
+      fill(parts.head, h("h2", {}, "Fit ", name), h("p", {}, session ? why && absent(session) || "Loading …" : current() ? "Loading …" : "No session yet."), links);
       return names.slice(1).forEach((part) => fill(parts[part]));
     }
-    const standing = fit.running ? "goes on" : fit.error ? `failed: ${fit.error}` : "has ended";
-    fill(parts.head, h("h2", {}, "Fit ", name), h("p", { role: "status" }, `The fit ${standing}.`), facts([["Points, samples", fit.points ? `${fit.points.toLocaleString("en")}, ${fit.samples.toLocaleString("en")}` : ""]]), links);
+    const standing = fit.running ? "goes on" : fit.error ? `failed: ${fit.error}` : session?.state === "fitting" ? "has ended, its result is being written" : "has ended";
+    const weak = session && ended(session) && !fit.running ? weakness(session) : "";
+    fill(parts.head, h("h2", {}, "Fit ", name), h("p", { role: "status" }, `The fit ${standing}.`), weak && h("p", {}, h("strong", { className: "weak-mark" }, `⚠ ${weak}`)), facts([["Points, samples", fit.points ? `${fit.points.toLocaleString("en")}, ${fit.samples.toLocaleString("en")}` : ""]]), links);
     fill(parts.steps, steps(fit));
     fill(parts.chart, h("h3", {}, "Error"), chart(fit));
     fill(parts.materials, h("h3", {}, "Parameters"), fit.materials.length ? h("div", { className: "tables" }, fit.materials.map(material)) : h("p", {}, "None yet."));

@@ -1,5 +1,6 @@
 // The page shows what the daemon says and remembers nothing: views by hash, what stands above all of them, and the looking again.
 import { announce, attempt, line, say, useToken } from "/api.js";
+import { showCalibration } from "/calibration.js";
 import { compare } from "/compare.js";
 import { dashboard } from "/dashboard.js";
 import { frames } from "/frames.js";
@@ -12,8 +13,8 @@ import { results, viewer } from "/results.js";
 import { ended, listen, look, rig, running } from "/rig.js";
 import { run, watch } from "/run.js";
 import { settings } from "/settings.js";
-import { $, h, state } from "/show.js";
-import { armStop, showCalibration, showStop } from "/verbs.js";
+import { $, forPeople, h, state } from "/show.js";
+import { armStop, showStop } from "/verbs.js";
 
 const VIEWS = {
   "": ["Dashboard", dashboard], new: ["New session", plan], queue: ["Queue", queue],
@@ -21,6 +22,12 @@ const VIEWS = {
   health: ["Health", health], settings: ["Settings", settings],
   viewer: ["Viewer", viewer, "Results"],      // the third: reached from there, not by a link of its own
 };
+/// An address that is none.
+function unknown(view) {
+  view.append(h("h2", {}, "No such view"), h("p", {}, `Nothing is at ${location.hash}. `, h("a", { href: "#/" }, "Go to the dashboard")));
+  return {};
+}
+
 const LOOK_MS = 5000;
 let view = {};
 let shown = "";
@@ -30,14 +37,16 @@ $("views").append(...Object.entries(VIEWS).filter(([, [, , under]]) => !under).m
 /// Opens the view that the address names.
 function open() {
   const [, key = "", ...args] = location.hash.split("/");
-  const [title, make, under = title] = VIEWS[key] ?? VIEWS[""];
+  const [title, make, under = title] = Object.hasOwn(VIEWS, key) ? VIEWS[key] : ["No such view", unknown];
   view.close?.();
   say();
   $("view").replaceChildren();
   view = make($("view"), ...args.map((arg) => arg || undefined));
   for (const link of $("views").querySelectorAll("a")) {
-    if (link.textContent === under) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
+    if (link.textContent === under) {
+      link.setAttribute("aria-current", "page");
+      link.scrollIntoView({ block: "nearest", inline: "center" });
+    } else link.removeAttribute("aria-current");
   }
   shown = title;
   update();
@@ -49,7 +58,7 @@ function showRig() {
   $("rig").textContent = status.name;
   $("simulated").hidden = !status.simulated;
   $("not-ready").hidden = status.ready;
-  $("not-ready").textContent = `Not ready: ${status.reasons.join("; ")}`;
+  $("not-ready").textContent = `Not ready: ${status.reasons.map(forPeople).join("; ")}`;
 }
 
 /// What is worth saying aloud: the state and the last thing that went wrong or was put right, not every frame.
@@ -69,7 +78,7 @@ function showTitle() {
 function update() {
   showRig();
   showStop();
-  showCalibration();
+  if (rig.status) showCalibration(shown === "Dashboard");
   showTitle();
   view.update?.();
   tellAloud();

@@ -5,7 +5,7 @@ export const FINAL = ["completed", "stopped", "aborted", "halted", "failed", "in
 export const ended = (run) => FINAL.includes(run.state);
 const PAGE = 20;
 
-export const rig = { status: null, sessions: [], next: null, calibrations: [], running: null };
+export const rig = { status: null, sessions: [], next: null, calibrations: [], running: null, heard: 0 };
 
 const listeners = [];
 let told = false;
@@ -23,6 +23,7 @@ export function tell() {
 /// Asks for everything anew.
 export async function look() {
   const status = await ask("/v1/rig");
+  const heard = Date.now();
   const [page, { calibrations }] = await Promise.all([ask(`/v1/sessions?max_page_size=${PAGE}`), ask("/v1/calibrations")]);
   const shown = new Set(page.sessions.map((session) => session.id));
   const older = rig.sessions.filter((session) => !shown.has(session.id) && session.id < (page.sessions.at(-1)?.id ?? ""));
@@ -33,7 +34,7 @@ export async function look() {
   const session = status.running && !calibrations.some(holds);
   // An old session that was taken up again is on no first page.
   const held = session ? page.sessions.find(holds) ?? await ask(`/v1/sessions/${status.running}`) : null;
-  Object.assign(rig, { status, calibrations, running: held });
+  Object.assign(rig, { status, calibrations, running: held, heard });
   tell();
 }
 

@@ -58,13 +58,35 @@ export function duration(s) {
   return minutes < 60 ? `${minutes}\u00a0min` : `${Math.floor(minutes / 60)} h ${minutes % 60}\u00a0min`;
 }
 
-/// Time of day; with the day where it is not today.
-export function clock(time) {
+/// Time of day, with seconds where those matter; with the day where it is not today.
+export function clock(time, seconds = {}) {
   const date = new Date(time);
   const now = new Date();
   const year = date.getFullYear() === now.getFullYear() ? {} : { year: "numeric" };
   const day = date.toDateString() === now.toDateString() ? {} : { day: "numeric", month: "short", ...year };
-  return date.toLocaleString([], { ...day, hour: "2-digit", minute: "2-digit" });
+  return date.toLocaleString([], { ...day, hour: "2-digit", minute: "2-digit", ...seconds });
+}
+
+/// With the seconds: for a log.
+export const clockSeconds = (time) => clock(time, { second: "2-digit" });
+
+/// Stations and exposures are numbered from 1 for people, from 0 in files, in the journal and in the daemon's own words.
+export const numbered = (index) => String(index + 1);
+export const forPeople = (text) => text.replace(/\b(station|exposure) (\d+)\b/g, (_, what, index) => `${what} ${numbered(+index)}`)
+  .replace(/\bstations (\d+) to (\d+)\b/g, (_, first, last) => `stations ${numbered(+first)} to ${numbered(+last)}`);
+
+/// Why a session's material is weaker than its error looks; nothing if it is not. A few lights are explained by anything.
+export function weakness(s) {
+  const lights = s.state === "completed" || s.stations_developed >= s.stations ? [] : [`from ${s.stations_developed} of ${count(s.stations, "light")}`];
+  const parameters = s.weak_parameters ? [`${count(s.weak_parameters, "parameter")} not well determined`] : [];
+  return [...lights, ...parameters].join("; ");
+}
+
+/// A session's error, never without what weakens it; `none` where there is no fit.
+export function errorOf(s, none) {
+  if (s.mean_relative_error == null) return none;
+  const why = weakness(s);
+  return why ? h("span", {}, percent(s.mean_relative_error), " ", h("strong", { className: "weak-mark" }, `⚠ ${why}`)) : percent(s.mean_relative_error);
 }
 
 export const when = (text) => (text ? new Date(text).toLocaleString() : "");

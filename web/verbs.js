@@ -1,6 +1,6 @@
 // What can be asked of a run: pause, resume, stop, abort. Stop is on every view, and goes on trying until it has reached the daemon.
 import { Unreachable, ask, attempt, post, say } from "/api.js";
-import { calibrating, look, running } from "/rig.js";
+import { calibrating, ended, look, running } from "/rig.js";
 import { run, watch } from "/run.js";
 import { $, h } from "/show.js";
 
@@ -26,7 +26,7 @@ const command = (path) => attempt(async () => {
   await look();
 });
 
-async function abort(path, name) {
+export async function abort(path, name) {
   if (await confirmed(`Abort ${name}? It ends now, and nothing of it is fitted. Frames stay on disk.`, "Abort")) await command(path);
 }
 
@@ -44,11 +44,18 @@ export function verbs() {
   ];
   const update = () => buttons.forEach((one) => {
     one.disabled = !run.session || !POSSIBLE[one.dataset.verb].includes(run.session.state);
+    // What a session that is over cannot be asked is not there.
+    one.hidden = one.disabled && run.session != null && ended(run.session);
   });
   return { box: h("p", { className: "verbs" }, buttons), update };
 }
 
 let stopping = false;
+
+/// It was asked to stop or to abort, and the rig has not ended yet.
+export const isEnding = (session) => ["stopping", "aborting"].includes(session?.state);
+export const ENDING = "Stopping: waits for the frame in the camera";
+
 
 /// Stops whatever has the rig, by what the daemon says now and not by what the page knows.
 async function stopNow() {
@@ -57,6 +64,8 @@ async function stopNow() {
   const { calibrations } = await ask("/v1/calibrations");
   const calibration = calibrations.find((one) => one.id === id);
   if (calibration) return abort(`/v1/calibrations/${id}/abort`, `calibration ${calibration.version}`);
+  // Asked already: a second press changes nothing.
+  if (isEnding(await ask(`/v1/sessions/${id}`))) return null;
   return post(`/v1/sessions/${id}/stop`);
 }
 
@@ -87,19 +96,10 @@ async function stop() {
 /// Stop can be pressed always; what it would stop stands beside it.
 export function showStop() {
   const held = running() ?? calibrating();
-  $("stop").textContent = stopping ? "Stopping …" : "Stop";
+  const ends = isEnding(held);
+  $("stop").textContent = stopping || ends ? "Stopping …" : "Stop";
   $("stop").classList.toggle("idle", !held && !stopping);
-  $("running").textContent = held ? held.name : "nothing runs";
+  $("running").textContent = !held ? "nothing runs" : ends ? "waits for the frame in the camera" : held.name;
 }
 
 export const armStop = () => { $("stop").onclick = stop; };
-
-/// Tells of a calibration that has the rig.
-export function showCalibration() {
-  const box = $("calibrating");
-  const held = calibrating();
-  box.hidden = !held;
-  if (!held) return;
-  const asked = held.instruction ? `: ${held.instruction}` : "";
-  box.textContent = `Calibration ${held.version} (${held.steps_accepted} of ${held.steps} steps) is ${held.state}${asked}`;
-}

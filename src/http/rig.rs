@@ -2,7 +2,7 @@
 
 use super::problem::Problem;
 use super::{HttpState, ask};
-use crate::session::handle::LampStatus;
+use crate::session::handle::{ComputerStatus, LampStatus, OwnPlan};
 use axum::extract::State;
 use rig_config::{Arm, ArmDriver, Camera, CameraDriver};
 use serde::{Deserialize, Serialize};
@@ -67,6 +67,10 @@ pub(super) struct RigStatus {
     camera: CameraSetup,
     /// The lamp and its hours.
     lamp: LampStatus,
+    /// What the computer has.
+    computer: ComputerStatus,
+    /// What a session of the rig file's own plan would need and use; null where that plan is refused.
+    own_plan: Option<OwnPlan>,
 }
 
 /// The rig
@@ -74,6 +78,7 @@ pub(super) struct RigStatus {
 pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<RigStatus>, Problem> {
     let (ready, running, lamp) =
         ask(&state, |engine| Ok((engine.readiness(), engine.running(), engine.lamp()))).await?;
+    let (computer, own_plan) = ask(&state, |engine| Ok((engine.computer(), engine.own_plan()))).await?;
     let reasons = ready.err().unwrap_or_default();
     Ok(axum::Json(RigStatus {
         name: state.rig.name.clone(),
@@ -85,6 +90,8 @@ pub(super) async fn rig(State(state): State<HttpState>) -> Result<axum::Json<Rig
         arm: arm(&state.rig.arm),
         camera: camera(&state.rig.camera),
         lamp,
+        computer,
+        own_plan,
     }))
 }
 

@@ -220,6 +220,7 @@ mod tests {
             last_refusal: None,
             interruptions: 0,
             mean_relative_error: None,
+            weak_parameters: 0,
             time_budget: None,
             lamp_drift: None,
             last_seq: 1,

@@ -1,6 +1,7 @@
 //! What HTTP, CLI and demo hold of the engine. Cheap to clone; every call is answered at once.
 
 mod calibration;
+mod computer;
 mod error;
 mod kept;
 mod lamp;
@@ -28,6 +29,7 @@ use super::worker::Job;
 pub use crate::numerics::fit::MAX_MATERIALS;
 use crate::store::journal;
 use crate::store::manifest::{self, Idempotency, Manifest};
+pub use computer::{ComputerStatus, OwnPlan};
 pub use error::EngineError;
 pub use kept::{REPORT_POLICY, ReportForm};
 pub use lamp::LampStatus;
@@ -88,6 +90,9 @@ pub struct SessionSnapshot {
     pub interruptions: usize,
     /// Mean relative error of the fit, once there is one.
     pub mean_relative_error: Option<f64>,
+    /// Parameters of that fit that the data determine weakly or not at all: what they say is no measurement.
+    #[serde(default)]
+    pub weak_parameters: usize,
     /// Where the time went, as of the last whole station; null before the first.
     pub time_budget: Option<TimeBudget>,
     /// What the reference patch said of the lamp; null without one.

@@ -72,6 +72,18 @@ pub struct Ledger {
     resumes: bool,
 }
 
+/// How many parameters of a fit's materials are not called identified.
+fn weak(parameters: &Value) -> usize {
+    match parameters {
+        Value::Array(list) => list.iter().map(weak).sum(),
+        Value::Object(fields) => match fields.get("identified") {
+            Some(identified) => usize::from(identified != "identified"),
+            None => fields.values().map(weak).sum(),
+        },
+        _ => 0,
+    }
+}
+
 impl Ledger {
     /// A run of which nothing is journalled yet.
     pub fn new(manifest: &Manifest, work: &Work) -> Self {
@@ -98,6 +110,7 @@ impl Ledger {
             last_refusal: None,
             interruptions: 0,
             mean_relative_error: None,
+            weak_parameters: 0,
             time_budget: None,
             lamp_drift: None,
             last_seq: 0,
@@ -165,6 +178,7 @@ impl Ledger {
                 self.described |= record["error"].is_null();
                 if let Some(error) = record["mean_relative_error"].as_f64() {
                     self.snapshot.mean_relative_error = Some(error);
+                    self.snapshot.weak_parameters = weak(&record["parameters"]);
                 }
             }
             _ => {}

@@ -131,6 +131,16 @@ impl Store {
         replace(self.disk.as_ref(), &self.directory, name, bytes)
     }
 
+    /// Bytes free on the disk of the data directory, the reserve included; none when the system does not tell.
+    pub fn free_bytes(&self) -> Option<u64> {
+        self.disk.free_bytes(&self.directory).ok()
+    }
+
+    /// Bytes that stay free for journal and shutdown.
+    pub fn reserve_bytes(&self) -> u64 {
+        self.reserve_bytes
+    }
+
     /// Refuses when `bytes` more would eat into the reserve.
     pub fn check_space(&self, bytes: u64) -> Result<(), StoreError> {
         check_space(self.disk.as_ref(), &self.directory, bytes, self.reserve_bytes)

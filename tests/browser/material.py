@@ -12,7 +12,7 @@ WATCH_CELLS = """() => {
     window.changed = {};
     new MutationObserver((all) => all.forEach(({ target }) => {
         const at = /^station (\\d+), .*exposure (\\d+) /.exec(target.title ?? "");
-        if (at && ["done", "again"].includes(target.className)) window.changed[`${at[1]}/${at[2]}`] ??= Date.now();
+        if (at && ["done", "again"].includes(target.className)) window.changed[`${at[1] - 1}/${at[2] - 1}`] ??= Date.now();
     })).observe(document.querySelector(".grid"), { subtree: true, attributes: true, attributeFilter: ["title"] });
 }"""
 # How far behind each update of a fit was shown, and how often its chart had changed.

@@ -9,6 +9,11 @@ def shipped():
     return SHIPPED.read_text()
 
 
+def calibrated():
+    """The shipped rig with a board, a card and balls to be calibrated with."""
+    return (SHIPPED.parent / "simulated-calibration.toml").read_text()
+
+
 def slower(speed):
     """The shipped rig, its time running so many times faster than real."""
     return re.sub(r"(?m)^speed = .*$", f"speed = {speed}.0", shipped())
