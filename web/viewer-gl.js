@@ -1,7 +1,7 @@
 // Draws a fitted material with WebGL2: on a mesh, with a shadow map, or on the object as the camera saw it. It shades what `rigd render` and
 // `rigd relight` shade (docs/viewer.md says where it differs).
 import { load } from "/api.js";
-import { bounds, camera, lampView } from "/viewer-space.js";
+import { bounds, camera, cross, dot, lampView, length, minus } from "/viewer-space.js";
 
 const MODELS = ["lambert", "blinn-phong", "torrance-sparrow", "cook-torrance", "ward", "ward-duer", "lafortune", "ggx"];
 const MODEL_NAMES = MODELS.map((name) => name.toUpperCase().replaceAll("-", "_"));
@@ -76,6 +76,17 @@ function interleaved(planes) {
   return texels;
 }
 
+/// The corners of a mesh's triangles, counterclockwise as seen from where their normals point.
+function outward({ positions, normals, corners }) {
+  const vector = (list, corner) => [list[3 * corner], list[3 * corner + 1], list[3 * corner + 2]];
+  const turned = corners.slice();
+  for (let i = 0; i < corners.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => vector(positions, corners[i + k]));
+    if (dot(cross(minus(b, a), minus(c, a)), vector(normals, corners[i])) < 0) turned.set([corners[i + 1], corners[i]], i);
+  }
+  return turned;
+}
+
 export class Renderer {
   /// Throws in words where there is no WebGL2.
   constructor(canvas) {
@@ -120,7 +131,7 @@ export class Renderer {
     this.texture("response", STEPS, rows, table, this.gl.RGBA8);
   }
 
-  /// A mesh as viewer-files.js reads it.
+  /// A mesh as viewer-files.js reads it; of one that is `closed`, its normals outward, from outside its backs are not drawn.
   setMesh(mesh) {
     const { gl } = this;
     this.mesh?.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
@@ -139,9 +150,9 @@ export class Renderer {
       gl.enableVertexAttribArray(i);
       gl.vertexAttribPointer(i, i === 2 ? 2 : 3, gl.FLOAT, false, 0, 0);
     });
-    filled(gl.ELEMENT_ARRAY_BUFFER, mesh.corners);
+    filled(gl.ELEMENT_ARRAY_BUFFER, mesh.closed ? outward(mesh) : mesh.corners);
     gl.bindVertexArray(null);
-    this.mesh = { array, buffers, count: mesh.corners.length, extent: mesh.extent / mesh.radius, textured: Boolean(mesh.uv) };
+    this.mesh = { array, buffers, count: mesh.corners.length, extent: mesh.extent / mesh.radius, textured: Boolean(mesh.uv), closed: mesh.closed };
     this.shadowOf = this.seenOf = null;
   }
 
@@ -224,7 +235,7 @@ export class Renderer {
   }
 
   see(scene, width, height) {
-    const { gl, mesh } = this;
+    const { gl } = this;
     if (this.seen?.width !== width || this.seen?.height !== height) this.seen = this.seenTargets(width, height);
     const { made, places } = this.meshProgram;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.seen.target);
@@ -236,9 +247,16 @@ export class Renderer {
     gl.useProgram(made);
     gl.uniformMatrix4fv(places.camera, false, camera(scene.eye, scene.middle, scene.field, width / height));
     gl.uniform1f(places.repeats, scene.repeats);
+    this.drawMesh(length(scene.eye) > 1);
+    gl.disable(gl.SCISSOR_TEST);
+  }
+
+  drawMesh(fromOutside) {
+    const { gl, mesh } = this;
+    if (fromOutside && mesh.closed) gl.enable(gl.CULL_FACE);
     gl.bindVertexArray(mesh.array);
     gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
-    gl.disable(gl.SCISSOR_TEST);
+    gl.disable(gl.CULL_FACE);
   }
 
   seenTargets(width, height) {
@@ -267,7 +285,7 @@ export class Renderer {
   }
 
   castShadow(light, size) {
-    const { gl, mesh } = this;
+    const { gl } = this;
     const { matrix, across } = lampView(light);
     if (this.shadow?.size !== size) this.shadow = this.shadowMap(size);
     Object.assign(this.shadow, { matrix, texel: across / size });
@@ -278,8 +296,7 @@ export class Renderer {
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.useProgram(made);
     gl.uniformMatrix4fv(places.camera, false, matrix);
-    gl.bindVertexArray(mesh.array);
-    gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
+    this.drawMesh(true);
   }
 
   shadowMap(size) {

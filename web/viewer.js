@@ -88,7 +88,7 @@ class Viewer {
       await this.photograph(this.state.station ?? 0);
     } else if (surface !== OWN) {
       this.mesh = readMesh(await bytes(`/v1/meshes/${surface}`));
-      this.renderer.setMesh(this.mesh);
+      this.renderer.setMesh({ ...this.mesh, closed: true });
     }
     this.state.surface = surface;
   }
