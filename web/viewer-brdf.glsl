@@ -1,14 +1,12 @@
-// The eight reflection models, as src/numerics/brdf has them: BRDF = rho_d / pi + rho_s lobe(angles, beta). MODEL and MATERIALS are set by
-// viewer-gl.js before this text.
+// The eight reflection models, as src/numerics/brdf has them: BRDF = rho_d / pi + rho_s lobe(angles, beta). MODEL, MATERIALS, RHO_D, RHO_S and
+// BETA2 are set by viewer-gl.js before this text: what is known before is neither read for every pixel, nor is there a loop over it.
 precision highp float;
 precision highp int;
+precision highp sampler2D;
 
-uniform vec3 rho_d[MATERIALS];
-uniform vec3 rho_s[MATERIALS];
-uniform float beta[MATERIALS];
-uniform int alone;          // one material instead of the mixture, or -1
-uniform vec4 light;         // a lamp's position with 1, or the direction of a distant light with 0
-uniform vec3 strength;      // intensity, or irradiance
+flat in int alone;          // one material instead of the mixture, or -1
+flat in vec4 light;         // a lamp's position with 1, or the direction of a distant light with 0
+flat in vec3 strength;      // intensity, or irradiance
 
 const float PI = 3.14159265358979;
 const float LEAST_COSINE = 1e-6;
@@ -75,18 +73,20 @@ vec2 fixed_part(Angles a) {
 float root(float cosine, float beta2) { return sqrt(1.0 + beta2 * (1.0 / (cosine * cosine) - 1.0)); }
 #endif
 
-float lobe(Angles a, vec2 known, float roughness) {
-  float beta2 = roughness * roughness;
-  float x = known.x / beta2;
+float lobe(Angles a, vec2 known, float beta2) {
 #if MODEL == GGX
-  return known.y * 4.0 / (beta2 * (1.0 + x) * (1.0 + x) * (1.0 + root(a.i, beta2)) * (1.0 + root(a.r, beta2)));
+  float x = 1.0 + known.x / beta2;
+  return known.y * 4.0 / (beta2 * x * x * (1.0 + root(a.i, beta2)) * (1.0 + root(a.r, beta2)));
 #else
-  return known.y * exp(-x) / beta2;
+  return known.y * exp(-known.x / beta2) / beta2;
 #endif
 }
 
 /// Towards the light from a point.
 vec3 towards_light(vec3 point) { return normalize(light.xyz - light.w * point); }
+
+/// What a material adds to the BRDF.
+#define SHARE(m) gamma[m] * (RHO_D[m] / PI + RHO_S[m] * lobe(a, known, BETA2[m]))
 
 /// Irradiance on a surface there that faces it.
 vec3 irradiance(vec3 point) {
@@ -99,7 +99,15 @@ vec3 radiance_of(vec4 weights, vec3 point, Angles at) {
   vec4 gamma = alone < 0 ? weights : vec4(equal(ivec4(0, 1, 2, 3), ivec4(alone)));
   Angles a = bounded(at);
   vec2 known = fixed_part(a);
-  vec3 brdf = vec3(0.0);
-  for (int m = 0; m < MATERIALS; m++) brdf += gamma[m] * (rho_d[m] / PI + rho_s[m] * lobe(a, known, beta[m]));
+  vec3 brdf = SHARE(0);
+#if MATERIALS > 1
+  brdf += SHARE(1);
+#endif
+#if MATERIALS > 2
+  brdf += SHARE(2);
+#endif
+#if MATERIALS > 3
+  brdf += SHARE(3);
+#endif
   return irradiance(point) * at.i * brdf;
 }

@@ -1,7 +1,7 @@
 // Draws a fitted material with WebGL2: on a mesh, with a shadow map, or on the object as the camera saw it. It shades what `rigd render` and
 // `rigd relight` shade (docs/viewer.md says where it differs).
 import { load } from "/api.js";
-import { bounds, camera, lampView } from "/viewer-space.js";
+import { bounds, camera, cross, dot, lampView, length, minus } from "/viewer-space.js";
 
 const MODELS = ["lambert", "blinn-phong", "torrance-sparrow", "cook-torrance", "ward", "ward-duer", "lafortune", "ggx"];
 const MODEL_NAMES = MODELS.map((name) => name.toUpperCase().replaceAll("-", "_"));
@@ -34,19 +34,19 @@ function program(gl, vertex, fragment) {
   const places = {};
   for (let i = 0; i < gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS); i++) {
     const { name } = gl.getActiveUniform(made, i);
-    places[name.replace("[0]", "")] = gl.getUniformLocation(made, name);
+    places[name.replace("told.", "")] = gl.getUniformLocation(made, name);
   }
   return { made, places };
 }
 
-/// A table of levels (0 to 1) over exposure, as `Response::level` has them: straight between levels over ln exposure, 0 below the curve, 1 above
-/// it. A row is an octave; its steps are those of the first ten bits of a float's mantissa.
+/// A table of levels (0 to 255) over exposure, as `Response::level` has them: straight between levels over ln exposure, 0 below the curve, 255
+/// above it. A row is an octave; its steps are those of the first ten bits of a float's mantissa.
 export function levels({ log_exposure: curves }) {
   const octave = (ln) => Math.floor(ln / Math.LN2);
   const low = octave(Math.min(...curves.map((curve) => curve[0])));
   const high = octave(Math.max(...curves.map((curve) => curve[255]))) + 1;
   const rows = high - low + 1;
-  const table = new Float32Array(4 * STEPS * rows);
+  const table = new Uint8ClampedArray(4 * STEPS * rows);
   curves.forEach((curve, channel) => {
     let above = 0;
     for (let i = 0; i < STEPS * rows; i++) {
@@ -54,10 +54,18 @@ export function levels({ log_exposure: curves }) {
       const x = i ? (low + Math.floor(i / STEPS)) * Math.LN2 + Math.log1p(((i % STEPS) + 0.5) / STEPS) : -Infinity;
       while (above < 256 && curve[above] <= x) above++;
       const part = above > 0 && above < 256 ? (x - curve[above - 1]) / (curve[above] - curve[above - 1]) : 0;
-      table[4 * i + channel] = above === 0 ? 0 : above === 256 ? 1 : (above - 1 + part) / 255;
+      table[4 * i + channel] = above === 0 ? 0 : above === 256 ? 255 : above - 1 + part;
     }
   });
   return { table, rows, first: (low + 127) * STEPS, last: STEPS * rows - 1 };
+}
+
+/// The materials' parameters as constants of a shader.
+function parameters(materials) {
+  const constant = (kind, name, value) => `const highp ${kind} ${name}[MATERIALS] = ${kind}[](${materials.map(value)});`;
+  const number = (x) => x.toExponential(9);
+  return [constant("vec3", "RHO_D", (m) => `vec3(${m.rho_d.map(number)})`), constant("vec3", "RHO_S", (m) => `vec3(${m.rho_s.map(number)})`),
+    constant("float", "BETA2", (m) => number(m.beta ** 2))];
 }
 
 /// Planes side by side as texels of four numbers.
@@ -66,6 +74,17 @@ function interleaved(planes) {
   const texels = new Float32Array(4 * count);
   planes.forEach((plane, channel) => plane.forEach((value, i) => { texels[4 * i + channel] = value; }));
   return texels;
+}
+
+/// The corners of a mesh's triangles, counterclockwise as seen from where their normals point.
+function outward({ positions, normals, corners }) {
+  const vector = (list, corner) => [list[3 * corner], list[3 * corner + 1], list[3 * corner + 2]];
+  const turned = corners.slice();
+  for (let i = 0; i < corners.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => vector(positions, corners[i + k]));
+    if (dot(cross(minus(b, a), minus(c, a)), vector(normals, corners[i])) < 0) turned.set([corners[i + 1], corners[i]], i);
+  }
+  return turned;
 }
 
 export class Renderer {
@@ -86,7 +105,7 @@ export class Renderer {
     const { brdf, depth, show, ...own } = await shaders();
     if (!MODELS.includes(material.model)) throw new Error(`this page does not know the model ${material.model}: load it again`);
     const defined = [...MODEL_NAMES.map((name, i) => `#define ${name} ${i}`),
-      `#define MODEL ${MODELS.indexOf(material.model)}`, `#define MATERIALS ${material.materials.length}`].join("\n");
+      `#define MODEL ${MODELS.indexOf(material.model)}`, `#define MATERIALS ${material.materials.length}`, ...parameters(material.materials)].join("\n");
     const made = {};
     /// The program of a surface ("shade" for a mesh, "object") for what is shown there, made when it is first asked for.
     this.program = (surface, textured, map, raw) => (made[[surface, textured, map, raw]] ??= program(gl, own["screen-vertex"], [defined,
@@ -101,17 +120,18 @@ export class Renderer {
   setTile({ side, weights, materials }) {
     const texels = new Float32Array(CHANNELS * side * side);
     for (let i = 0; i < side * side; i++) materials.forEach((_, m) => { texels[CHANNELS * i + m] = weights[materials.length * i + m]; });
-    // Half precision is what every device filters; it is 0.05 % of a weight.
-    this.texture("tile", side, side, texels, this.gl.RGBA16F, this.gl.LINEAR);
+    // Half precision is what every device filters; it is 0.05 % of a weight, and a processor takes long to unpack it.
+    const { gl } = this;
+    this.texture("tile", side, side, texels, gl.getExtension("OES_texture_float_linear") ? gl.RGBA32F : gl.RGBA16F, gl.LINEAR);
   }
 
   setResponse(curves) {
     const { table, rows, ...places } = levels(curves);
     this.curve = places;
-    this.texture("response", STEPS, rows, table);
+    this.texture("response", STEPS, rows, table, this.gl.RGBA8);
   }
 
-  /// A mesh as viewer-files.js reads it.
+  /// A mesh as viewer-files.js reads it; of one that is `closed`, its normals outward, from outside its backs are not drawn.
   setMesh(mesh) {
     const { gl } = this;
     this.mesh?.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
@@ -130,9 +150,9 @@ export class Renderer {
       gl.enableVertexAttribArray(i);
       gl.vertexAttribPointer(i, i === 2 ? 2 : 3, gl.FLOAT, false, 0, 0);
     });
-    filled(gl.ELEMENT_ARRAY_BUFFER, mesh.corners);
+    filled(gl.ELEMENT_ARRAY_BUFFER, mesh.closed ? outward(mesh) : mesh.corners);
     gl.bindVertexArray(null);
-    this.mesh = { array, buffers, count: mesh.corners.length, extent: mesh.extent / mesh.radius, textured: Boolean(mesh.uv) };
+    this.mesh = { array, buffers, count: mesh.corners.length, extent: mesh.extent / mesh.radius, textured: Boolean(mesh.uv), closed: mesh.closed };
     this.shadowOf = this.seenOf = null;
   }
 
@@ -157,7 +177,7 @@ export class Renderer {
     const { gl } = this;
     const texture = (this.textures[name] ??= gl.createTexture());
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, gl.RGBA, gl.FLOAT, texels);
+    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, gl.RGBA, format === gl.RGBA8 ? gl.UNSIGNED_BYTE : gl.FLOAT, texels);
     for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, filter);
   }
 
@@ -215,19 +235,28 @@ export class Renderer {
   }
 
   see(scene, width, height) {
-    const { gl, mesh } = this;
+    const { gl } = this;
     if (this.seen?.width !== width || this.seen?.height !== height) this.seen = this.seenTargets(width, height);
     const { made, places } = this.meshProgram;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.seen.target);
     gl.viewport(0, 0, width, height);
     gl.enable(gl.DEPTH_TEST);
+    this.cutTo(bounds(scene.eye, scene.middle, scene.field, width / height), width, height);
     for (const i of [0, 1]) gl.clearBufferuiv(gl.COLOR, i, [0, 0, 0, 0]);
     gl.clearBufferfv(gl.DEPTH, 0, [1]);
     gl.useProgram(made);
     gl.uniformMatrix4fv(places.camera, false, camera(scene.eye, scene.middle, scene.field, width / height));
     gl.uniform1f(places.repeats, scene.repeats);
+    this.drawMesh(length(scene.eye) > 1);
+    gl.disable(gl.SCISSOR_TEST);
+  }
+
+  drawMesh(fromOutside) {
+    const { gl, mesh } = this;
+    if (fromOutside && mesh.closed) gl.enable(gl.CULL_FACE);
     gl.bindVertexArray(mesh.array);
     gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.CULL_FACE);
   }
 
   seenTargets(width, height) {
@@ -256,7 +285,7 @@ export class Renderer {
   }
 
   castShadow(light, size) {
-    const { gl, mesh } = this;
+    const { gl } = this;
     const { matrix, across } = lampView(light);
     if (this.shadow?.size !== size) this.shadow = this.shadowMap(size);
     Object.assign(this.shadow, { matrix, texel: across / size });
@@ -267,8 +296,7 @@ export class Renderer {
     gl.clear(gl.DEPTH_BUFFER_BIT);
     gl.useProgram(made);
     gl.uniformMatrix4fv(places.camera, false, matrix);
-    gl.bindVertexArray(mesh.array);
-    gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
+    this.drawMesh(true);
   }
 
   shadowMap(size) {
@@ -310,10 +338,6 @@ export class Renderer {
       bind("shadow", this.shadow.texture);
       this.seen.textures.forEach((texture, i) => bind(["where", "facing"][i], texture));
     }
-    const { materials } = this.material;
-    gl.uniform3fv(places.rho_d, materials.flatMap((m) => m.rho_d));
-    gl.uniform3fv(places.rho_s, materials.flatMap((m) => m.rho_s));
-    gl.uniform1fv(places.beta, materials.map((m) => m.beta));
     gl.uniform1i(places.alone, scene.alone);
     gl.uniform4fv(places.light, scene.light);
     gl.uniform3fv(places.strength, scene.strength);
@@ -343,8 +367,7 @@ export class Renderer {
   tellMesh(scene, places) {
     const { gl, mesh, shadow } = this;
     gl.uniform3fv(places.eye, scene.eye);
-    gl.uniform1f(places.repeats, scene.repeats);
-    gl.uniform1f(places.extent, mesh.extent);
+    gl.uniform1f(places.scale, scene.repeats / mesh.extent);
     gl.uniformMatrix4fv(places.lamp, false, shadow.matrix);
     gl.uniform1f(places.texel, shadow.texel);
   }

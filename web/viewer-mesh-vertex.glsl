@@ -1,5 +1,6 @@
 // A mesh, about its middle and in lengths of its radius.
 uniform mat4 camera;
+uniform float repeats;
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 uv;
@@ -10,6 +11,6 @@ out vec2 texture_place;
 void main() {
   place = position;
   smooth_normal = normal;
-  texture_place = uv;
+  texture_place = repeats * uv;
   gl_Position = camera * vec4(position, 1.0);
 }

@@ -2,7 +2,6 @@
 // a renderer works in squares of four pixels: shading is left to viewer-shade.glsl, which does each pixel once.
 precision highp float;
 precision highp int;
-uniform float repeats;
 in vec3 place;
 in vec3 smooth_normal;
 in vec2 texture_place;
@@ -11,12 +10,12 @@ layout(location = 1) out uvec4 facing;
 
 /// A unit vector as a point of a square (octahedron, unfolded), never 0.
 uint folded(vec3 n) {
-  vec3 p = n / (abs(n.x) + abs(n.y) + abs(n.z));
+  vec2 p = n.xy * (1.0 / (abs(n.x) + abs(n.y) + abs(n.z)));
   vec2 back = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1.0 : 1.0, p.y < 0.0 ? -1.0 : 1.0);
-  return max(packUnorm2x16(0.5 + 0.5 * (p.z < 0.0 ? back : p.xy)), 1u);
+  return max(packUnorm2x16(0.5 + 0.5 * (n.z < 0.0 ? back : p)), 1u);
 }
 
 void main() {
-  where = uvec4(floatBitsToUint(place), packUnorm2x16(fract(repeats * texture_place)));
+  where = uvec4(floatBitsToUint(place), packUnorm2x16(fract(texture_place)));
   facing = uvec4(floatBitsToUint(smooth_normal), folded(cross(dFdx(place), dFdy(place))));
 }

@@ -1,12 +1,11 @@
 // A point of a mesh, as src/numerics/render shades it.
 uniform highp usampler2D where;
 uniform highp usampler2D facing;
-uniform vec3 eye;
+flat in vec3 eye;
 uniform sampler2D tile;            // weights of all materials; it repeats, and is linear between the texels' middles
-uniform float repeats;
-uniform float extent;              // longest side of the mesh, in its radius
-uniform mat4 lamp;                 // from the mesh to the shadow map
-uniform float texel;               // of the shadow map, in the mesh's radius at depth 1
+flat in float scale;               // repeats of the texture a radius of the mesh
+flat in mat4 lamp;                 // from the mesh to the shadow map
+flat in float texel;               // of the shadow map, in the mesh's radius at depth 1
 uniform highp sampler2DShadow shadow;
 uniform int weight;                // the material whose weight is shown
 
@@ -14,7 +13,7 @@ vec4 weights_here(vec3 place, vec3 normal, uint packed) {
 #if TEXTURED
   return textureLod(tile, unpackUnorm2x16(packed), 0.0);
 #else
-  vec3 p = repeats / extent * place;
+  vec3 p = scale * place;
   vec3 n2 = normal * normal;
   vec3 parts = n2 * n2;
   parts /= parts.x + parts.y + parts.z;

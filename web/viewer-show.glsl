@@ -1,9 +1,9 @@
 // From radiance, or a map's value, to what is on the screen. RAW and SHOWING are set by viewer-gl.js: a software renderer runs both sides of every
 // branch, so what is known before is no branch.
 uniform sampler2D response;    // levels of red, green, blue: a row an octave of exposure, 1024 steps each
-uniform int first;             // bits of the exposure at its first entry, without the last 13
-uniform int last;              // number of its last entry
-uniform float seconds;
+flat in int first;             // bits of the exposure at its first entry, without the last 13
+flat in int last;              // number of its last entry
+flat in float seconds;
 uniform float most;            // the map's value at the ramp's end
 out vec4 shown;
 

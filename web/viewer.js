@@ -18,7 +18,7 @@ const NEAREST = 1.2;
 const STEEPEST = 1.55;
 const PIXELS_A_POINT = 2;
 /// A frame while something moves: slower ones get larger pixels, quicker ones smaller ones again; and how large they may become, each way.
-const [SLOW_MS, QUICK_MS, COARSEST] = [50, 20, 4];
+const [SLOW_MS, QUICK_MS, COARSEST] = [50, 30, 4];
 
 const seconds = (value) => (value < 0.5 ? `1/${Math.round(1 / value)} s` : `${+value.toPrecision(2)} s`);
 const coordinates = (v) => v.map((x) => +x.toPrecision(6)).join(",");
@@ -88,7 +88,7 @@ class Viewer {
       await this.photograph(this.state.station ?? 0);
     } else if (surface !== OWN) {
       this.mesh = readMesh(await bytes(`/v1/meshes/${surface}`));
-      this.renderer.setMesh(this.mesh);
+      this.renderer.setMesh({ ...this.mesh, closed: true });
     }
     this.state.surface = surface;
   }
