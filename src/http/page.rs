@@ -16,6 +16,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/icon.svg", "image/svg+xml", include_str!("../../web/icon.svg")),
     ("/api.js", SCRIPT, include_str!("../../web/api.js")),
     ("/chart.js", SCRIPT, include_str!("../../web/chart.js")),
+    ("/command.js", SCRIPT, include_str!("../../web/command.js")),
     ("/compare.js", SCRIPT, include_str!("../../web/compare.js")),
     ("/dashboard.js", SCRIPT, include_str!("../../web/dashboard.js")),
     ("/dome.js", SCRIPT, include_str!("../../web/dome.js")),
