@@ -2,7 +2,7 @@
 import { ask, attempt, bytes, say } from "/api.js";
 import { scaleBar } from "/chart.js";
 import { copied, quoted, resultOf } from "/command.js";
-import { fill, h, percent } from "/show.js";
+import { field, fill, h, percent, select, slider } from "/show.js";
 import { readMaps, readMesh } from "/viewer-files.js";
 import { Renderer, SHADOW } from "/viewer-gl.js";
 import { hands } from "/viewer-hands.js";
@@ -27,23 +27,6 @@ const [SLOW_MS, QUICK_MS, COARSEST] = [50, 20, 4];
 
 const seconds = (value) => (value < 0.5 ? `1/${Math.round(1 / value)} s` : `${+value.toPrecision(2)} s`);
 const coordinates = (v) => v.map((x) => +x.toPrecision(6)).join(",");
-
-/// A labelled control with what it stands at beside it.
-function field(text, control, told = "") {
-  return h("div", { className: "field" }, h("label", { for: control.id }, text, " ", told), control);
-}
-
-function select(id, options, change) {
-  const made = h("select", { id, onchange: () => change(made.value) }, Object.entries(options).map(([value, text]) => h("option", { value }, text)));
-  return made;
-}
-
-/// A slider over powers of two.
-function slider(id, least, most, value, change) {
-  const told = h("output", { for: id });
-  const control = h("input", { id, type: "range", min: least, max: most, step: 0.05, value, oninput: () => change(2 ** control.value) });
-  return { control, told };
-}
 
 class Viewer {
   constructor(id, box) {
