@@ -7,7 +7,7 @@ mod reported;
 
 use daemon::{Daemon, program, shipped};
 use reported::{HOSTILE, ID, LIGHTS, Written, write, write_result};
-use rigd::document::{Block, Document, Table, html, pdf};
+use rigd::document::{Block, Document, Picture, Table, html, pdf};
 use rigd::session::report::{ReportError, of_result, of_session};
 use serde_json::json;
 use std::path::Path;
@@ -82,6 +82,34 @@ fn it_says_what_the_files_say() {
         assert_eq!(cell(&document, "Hashes", name, 1), hash(name));
     }
     assert_eq!(cell(&document, "Hashes", "result/preview.png", 1), "the file is not there");
+}
+
+/// The object is shown near the top where the result has its picture; a map and its scale are one block.
+#[test]
+fn it_shows_the_object_and_keeps_maps_with_their_scales() {
+    let (data, without) = of(&Written::default());
+    assert!(says(&without, "preview.png is missing"));
+    let directory = data.path().join("sessions").join(ID);
+    let preview = directory.join("result").join("preview.png");
+    image::RgbImage::from_fn(30, 20, |x, y| image::Rgb([x as u8, y as u8, 7])).save(&preview).unwrap();
+    let document = of_session(&directory).unwrap();
+    let pictures = |blocks: &[Block]| -> Vec<Picture> {
+        blocks
+            .iter()
+            .filter_map(|b| if let Block::Picture(picture) = b { Some(picture.clone()) } else { None })
+            .collect()
+    };
+    let warnings =
+        document.blocks.iter().position(|b| *b == Block::Section("Warnings, and what to do".into())).unwrap();
+    let [shown] = &pictures(&document.blocks[..warnings])[..] else { panic!("one picture before the warnings") };
+    assert_eq!((shown.size, shown.scale.is_none()), ([30, 20], true));
+    let pixels = image::load_from_memory(&shown.png).unwrap().into_rgb8();
+    assert_eq!(pixels.get_pixel(29, 19).0, [29, 19, 7]);
+    let maps = pictures(&document.blocks[warnings..]);
+    assert!(maps.len() == 3 && maps.iter().all(|map| map.scale.is_some()));
+    std::fs::write(&preview, b"\x89PNG\r\n\x1a\n").unwrap();
+    let refusal = of_session(&directory).unwrap_err().to_string();
+    assert!(refusal.contains("preview.png") && refusal.contains("fit again"), "{refusal}");
 }
 
 /// Places in the drawings are the values of the files: lights at their errors, time at stations.

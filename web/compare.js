@@ -1,5 +1,6 @@
 // Two fitted materials side by side: figures, parameters with what their standard errors say of the difference, pictures.
 import { ask, attempt, blob, link } from "/api.js";
+import { scaleBar } from "/chart.js";
 import { FILES, rows, shown } from "/material.js";
 import { chooser } from "/history.js";
 import { rig } from "/rig.js";
@@ -73,13 +74,13 @@ async function weights(id, name) {
   const height = (image.naturalHeight - GAP) / 3 - GAP;
   const canvas = h("canvas", { width: image.naturalWidth, height, role: "img", "aria-label": `Material weight maps of ${name}, one beside the other` });
   canvas.getContext("2d").drawImage(image, 0, GAP + 2 * (height + GAP), image.naturalWidth, height, 0, 0, image.naturalWidth, height);
-  return h("figure", {}, canvas, h("figcaption", {}, "Material weight maps"));
+  return h("figure", {}, canvas, h("figcaption", {}, scaleBar(["0", "0.5", "1"], "Material weight maps: weight", "greys")));
 }
 
 async function residual(id, name) {
   const file = await blob(`/v1/sessions/${id}/result/residual.png`);
   if (!file) return h("p", {}, "No residual map: fitted by an earlier version.");
-  return h("figure", {}, h("img", { src: file, onload: () => URL.revokeObjectURL(file), alt: `Residuals of ${name}` }), h("figcaption", {}, "Mean relative error, white from 10 % on"));
+  return h("figure", {}, h("img", { src: file, onload: () => URL.revokeObjectURL(file), alt: `Residuals of ${name}` }), h("figcaption", {}, scaleBar(["0 %", "5 %", "10 %"], "Mean relative error, white from 10 % on", "greys")));
 }
 
 async function show(box, ids) {

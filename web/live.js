@@ -1,10 +1,13 @@
 // A fit while it goes on: which step, the error over the iterations, the parameters so far, and where the error is.
 import { ask, attempt, post, say } from "/api.js";
-import { bar, errors, residuals } from "/chart.js";
-import { rows, shown } from "/material.js";
+import { bar, end, errors, residuals, scaleBar } from "/chart.js";
+import { combination, rows, shown } from "/material.js";
 import { current, ended } from "/rig.js";
 import { run, watch } from "/run.js";
 import { badge, count, facts, fill, h, percent, weakness } from "/show.js";
+
+/// Of a part that may be tiny.
+const share = (part) => `${+(100 * part).toPrecision(2)}\u00a0%`;
 
 const STEPS = {
   load: "read the dataset", observe: "gather samples", choose: "choose model and materials by left-out lights", fit: "fit", uncertainty: "standard errors",
@@ -20,25 +23,31 @@ function steps({ step, running, error }) {
 function chart({ iterations }) {
   const now = iterations.at(-1);
   if (!now) return h("p", {}, "No iteration yet.");
-  const words = `Error against iteration: ${now.error.toPrecision(3)} after ${count(now.iteration, "iteration")}`;
-  return h("figure", {}, errors(iterations, words), h("figcaption", {},
-    `Root mean square residual in the units of the objective, now ${now.error.toPrecision(3)} over ${count(now.points, "point")}. A new line begins where the search goes on with more points.`));
+  const words = `Residual against iteration: ${now.error.toPrecision(3)} after ${count(now.iteration, "iteration")}`;
+  return h("figure", {}, errors(iterations, "rms residual, objective's unit", words), h("figcaption", {},
+    `Root mean square residual in the unit of the objective, now ${now.error.toPrecision(3)} over ${count(now.points, "point")}. Unless another objective was asked for, 1 is what noise and a model floor of 2 % explain: `
+    + "it is no relative error. A new line begins where the search goes on with more points."));
 }
 
-/// The parameters; a bar is two standard errors to each side.
+/// Two standard errors, relative to the value; none where there is no error, or the value tells nothing.
+const spread = ({ value, standard_error, identified }) => (standard_error == null || identified === "unidentified" || !value ? null : (2 * standard_error) / Math.abs(value));
+
+/// The parameters; bars of one material share a scale, so that the less certain ones are seen to be.
 function material(one, index) {
-  const lines = rows(one).map(([name, parameter]) => {
+  const all = rows(one);
+  const most = end(all.map(([, parameter]) => spread(parameter)).filter((relative) => relative != null));
+  const lines = all.map(([name, parameter]) => {
     const [value] = parameter.identified == null ? [parameter.value.toPrecision(4)] : shown(parameter);
-    const told = parameter.identified !== "unidentified";
-    return h("tr", { className: parameter.identified ?? "" }, h("th", { scope: "row" }, name), h("td", {}, value), h("td", { className: "drawn" }, told ? bar(parameter.value, parameter.standard_error, 1) : ""));
+    const relative = spread(parameter);
+    return h("tr", { className: parameter.identified ?? "" }, h("th", { scope: "row" }, name), h("td", {}, value), h("td", { className: "drawn" }, relative == null ? "" : [bar(relative, most), ` ${share(relative)}`]));
   });
   return h("table", {}, h("caption", {}, `Material ${index + 1}`),
-    h("thead", {}, h("tr", {}, ["parameter", "value", "0 to 1, ± 2 standard errors"].map((title) => h("th", { scope: "col" }, title)))), h("tbody", {}, lines));
+    h("thead", {}, h("tr", {}, ["parameter", "value", `± 2 standard errors, relative (bar: up to ± ${share(most)})`].map((title) => h("th", { scope: "col" }, title)))), h("tbody", {}, lines));
 }
 
 function tried({ candidates }) {
   if (!candidates.length) return "";
-  const lines = candidates.map((one) => h("tr", {}, h("th", { scope: "row" }, `${count(one.materials, "material")}, ${one.model}, ${one.lobe}${one.light_gains ? ", light gains" : ""}`),
+  const lines = candidates.map((one) => h("tr", {}, h("th", { scope: "row" }, combination(one)),
     h("td", {}, one.left_out_relative_error == null ? "none left out" : percent(one.left_out_relative_error)), h("td", {}, one.best ? "best so far" : one.reason)));
   return h("div", { className: "scroll", role: "region", tabIndex: 0, "aria-label": "Candidates" }, h("table", {}, h("caption", {}, "Tried"),
     h("thead", {}, h("tr", {}, ["candidate", "error on left-out lights", "verdict"].map((title) => h("th", { scope: "col" }, title)))), h("tbody", {}, lines)));
@@ -81,7 +90,7 @@ export function live(view, id) {
     fill(parts.steps, steps(fit));
     fill(parts.chart, h("h3", {}, "Error"), chart(fit));
     fill(parts.materials, h("h3", {}, "Parameters"), fit.materials.length ? h("div", { className: "tables" }, fit.materials.map(material)) : h("p", {}, "None yet."));
-    fill(parts.map, h("h3", {}, "Where the error is"), fit.residual_map ? h("figure", {}, residuals(fit.residual_map), h("figcaption", {}, "Mean relative error, full colour from 10 % on.")) : h("p", {}, "No map yet."));
+    fill(parts.map, h("h3", {}, "Where the error is"), fit.residual_map ? h("figure", {}, residuals(fit.residual_map), h("figcaption", {}, scaleBar(["0 %", "5 %", "10 %"], "Mean relative error, full colour from 10 % on.", "reds"))) : h("p", {}, "No map yet."));
     fill(parts.tried, tried(fit));
     // What is shown, for who measures how far behind it is.
     const stand = `${fit.revision} ${fit.time}`;

@@ -1,5 +1,6 @@
 // The fitted material of a session: how well it explains the measurements, its parameters with their errors, its pictures and files.
 import { ask, blob, link } from "/api.js";
+import { exports, resultOf } from "/command.js";
 import { count, facts, h, list, percent } from "/show.js";
 
 export const FILES = ["report.json", "material.json", "weights.exr", "weights_sigma.exr", "valid.png", "residual.exr", "residual.png", "preview.png"];
@@ -46,9 +47,12 @@ function parameters(material, index) {
   return h("table", {}, h("caption", {}, `Material ${index + 1}: ${percent(material.share)} of the surface`), h("thead", {}, h("tr", {}, head)), h("tbody", {}, body));
 }
 
+/// A combination that left-out lights judged, in words that tell it from the others.
+export const combination = (one) => `${count(one.materials, "material")}, ${one.model}, ${one.lobe}${one.light_gains ? ", light gains" : ""}`;
+
 function candidates(report) {
-  const lines = report.candidates.map((one) => `${count(one.materials, "material")}: ${percent(one.left_out_relative_error)}${one.taken ? " (taken)" : ""}`);
-  return list("Numbers of materials tried, mean relative error on left-out lights", lines);
+  const error = (one) => (one.left_out_relative_error == null ? "no light can be left out" : percent(one.left_out_relative_error));
+  return list("Materials and models tried, mean relative error on left-out lights", report.candidates.map((one) => `${combination(one)}: ${error(one)}${one.taken ? " (taken)" : ""}`));
 }
 
 function how(material, report) {
@@ -60,14 +64,20 @@ function how(material, report) {
     + `Time: ${stages.join(", ")}; ${report.cpu_seconds.toFixed(2)} s of processor.`);
 }
 
-/// All of it, as one section.
+/// The material to look at: measured, and as fitted.
+export async function pictured(id) {
+  const image = await blob(`/v1/sessions/${id}/result/preview.png`);
+  if (!image) return "";
+  return h("figure", { className: "preview" },
+    h("img", { src: image, onload: () => URL.revokeObjectURL(image), alt: "Measured radiance, fitted radiance and material weight maps, a row each" }),
+    h("figcaption", {}, "Rows: measured under some of the lights; the same as fitted; material weight maps."));
+}
+
+/// Its figures, as one section.
 export async function material(id) {
   const path = `/v1/sessions/${id}/result`;
-  const [{ material: fitted, report }, image] = await Promise.all([ask(`/v1/sessions/${id}/material`), blob(`${path}/preview.png`)]);
-  const preview = image ? h("figure", {},
-    h("img", { src: image, onload: () => URL.revokeObjectURL(image), alt: "Measured radiance, fitted radiance and material weight maps, a row each" }),
-    h("figcaption", {}, "Rows: measured under some of the lights; the same as fitted; material weight maps.")) : "";
+  const [{ material: fitted, report }, result] = await Promise.all([ask(`/v1/sessions/${id}/material`), resultOf(id)]);
   return h("section", {}, h("h3", {}, "Material"), errors(report), list("Warnings", report.warnings, "warnings"),
-    h("div", { className: "tables" }, fitted.materials.map(parameters)), preview, candidates(report), how(fitted, report),
-    h("p", {}, "Files: ", FILES.flatMap((name) => [link(name, `${path}/${name}`), " "])));
+    h("div", { className: "tables" }, fitted.materials.map(parameters)), candidates(report), how(fitted, report),
+    h("p", {}, "Files: ", FILES.flatMap((name) => [link(name, `${path}/${name}`), " "])), exports(result));
 }

@@ -1,6 +1,6 @@
 // Sessions that were, and what came out of them.
 import { ask, attempt, link } from "/api.js";
-import { material } from "/material.js";
+import { material, pictured } from "/material.js";
 import { ended, lookBack, rig } from "/rig.js";
 import { badge, count, facts, fill, h, leftOut, list, percent, when } from "/show.js";
 
@@ -20,26 +20,32 @@ export function results(view, id) {
   const sessions = h("ul", { className: "sessions" });
   const older = h("button", { type: "button", onclick: () => attempt(lookBack) }, "Older sessions");
   const head = h("div", {});
+  const picture = h("div", {});
+  const rest = h("div", {});
   const result = h("div", {});
   view.append(h("h2", {}, "Results"), h("div", { className: `columns ${id ? "chosen-first" : "wide-right"}` },
-    h("section", { className: "history", "aria-label": "Sessions" }, h("h3", {}, "Sessions"), sessions, older), h("div", { className: "of" }, head, result)));
+    h("section", { className: "history", "aria-label": "Sessions" }, h("h3", {}, "Sessions"), sessions, older), h("div", { className: "of" }, head, picture, rest, result)));
   let of = "";          // what the result shown belongs to
 
   async function show(s) {
     const key = `${s.id} ${s.last_seq}`;
     if (of === key) return;
     of = key;
+    const seen = pictured(s.id).then((made) => of === key && picture.replaceChildren(made));
     const made = await material(s.id);
     if (of === key) result.replaceChildren(made);
+    await seen;
   }
 
   const look = () => id && attempt(async () => {
     const s = await ask(`/v1/sessions/${id}`);
     const without = ended(s) ? "No material was fitted." : "The material is there once the session has ended.";
-    fill(head, h("h3", {}, s.name, " ", badge(s.state), s.simulated ? " (simulated)" : ""), s.reason ? h("p", { className: "reason" }, s.reason) : "", told(s),
-      list("Warnings", s.warnings, "warnings"), h("p", { className: "verbs" }, h("a", { href: `#/frames/${s.id}` }, "Its frames"),
-        link("report.html", `/v1/sessions/${s.id}/report`), link("report.pdf", `/v1/sessions/${s.id}/report.pdf`),
-        s.mean_relative_error == null ? "" : h("a", { href: `#/viewer/${s.id}`, className: "action" }, "Relight it")), s.mean_relative_error == null ? h("p", {}, without) : "");
+    // Who comes here wants to see the material, and to relight it; figures are for who reads on.
+    fill(head, h("h3", {}, s.name, " ", badge(s.state), s.simulated ? " (simulated)" : ""), s.reason ? h("p", { className: "reason" }, s.reason) : "",
+      h("p", { className: "verbs" }, s.mean_relative_error == null ? "" : h("a", { href: `#/viewer/${s.id}`, className: "action primary" }, "Relight it"),
+        h("a", { href: `#/frames/${s.id}` }, "Its frames"), link("report.html", `/v1/sessions/${s.id}/report`), link("report.pdf", `/v1/sessions/${s.id}/report.pdf`)),
+      s.mean_relative_error == null ? h("p", {}, without) : "");
+    fill(rest, told(s), list("Warnings", s.warnings, "warnings"));
     if (s.mean_relative_error != null) await show(s);
   }, (reason) => fill(head, h("p", { className: "warnings" }, reason)));
 

@@ -109,3 +109,21 @@ export function leftOut(saved) {
   const cost = saved.sigma == null ? "" : `, standard error of a sample ${percent(saved.sigma)} instead of ${percent(saved.sigma_whole)}`;
   return `${count(saved.exposures, "exposure")}, ${duration(saved.shutter_s)} of shutter time${cost}`;
 }
+
+/// A labelled control with what it stands at beside it.
+export function field(text, control, told = "") {
+  return h("div", { className: "field" }, h("label", { for: control.id }, text, " ", told), control);
+}
+
+/// A choice among the keys of `options`, in their words.
+export function select(id, options, change) {
+  const made = h("select", { id, onchange: () => change(made.value) }, Object.entries(options).map(([value, text]) => h("option", { value }, text)));
+  return made;
+}
+
+/// A slider over powers of two.
+export function slider(id, least, most, value, change) {
+  const told = h("output", { for: id });
+  const control = h("input", { id, type: "range", min: least, max: most, step: 0.05, value, oninput: () => change(2 ** control.value) });
+  return { control, told };
+}

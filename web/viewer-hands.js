@@ -6,9 +6,11 @@ const KEY = Math.PI / 36;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /// `turn(what, across, down)` in radians, `what` "light" or "camera"; `zoom(factor)`; `rest()` once nothing is held any more. `held()` says what a plain
-/// drag turns; with Shift or another button than the first it turns the other.
-export function hands(canvas, { turn, zoom, rest, held }) {
+/// drag turns; with Shift or another button than the first it turns the other. Where `near(x)` is true, x from 0 on the left to 1, a drag is no turn but `draw(x)`.
+export function hands(canvas, { turn, zoom, rest, held, near, draw }) {
   const down = new Map();
+  const across = (event) => (event.clientX - canvas.getBoundingClientRect().left) / canvas.clientWidth;
+  let drawing = false;
   const other = () => (held() === "light" ? "camera" : "light");
   let spread = 0;
   const apart = () => {
@@ -18,17 +20,23 @@ export function hands(canvas, { turn, zoom, rest, held }) {
   canvas.onpointerdown = (event) => {
     canvas.setPointerCapture(event.pointerId);
     down.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    drawing = down.size === 1 && event.button === 0 && !event.shiftKey && near(across(event));
     if (down.size === 2) spread = apart();
   };
   canvas.onpointermove = (event) => {
     const was = down.get(event.pointerId);
-    if (!was) return;
+    if (!was) {
+      canvas.style.cursor = near(across(event)) ? "ew-resize" : "";
+      return;
+    }
     const [x, y] = [event.clientX, event.clientY];
     down.set(event.pointerId, { x, y });
     if (down.size === 2) {
       const now = apart();
       zoom(spread / (now || 1));
       spread = now;
+    } else if (drawing) {
+      draw(Math.max(0, Math.min(1, across(event))));
     } else if (down.size === 1) {
       const size = Math.min(canvas.clientWidth, canvas.clientHeight);
       turn(event.shiftKey || event.buttons > 1 ? other() : held(), (TURN * (x - was.x)) / size, (TURN * (y - was.y)) / size);

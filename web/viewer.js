@@ -1,6 +1,8 @@
 // The fitted material under any light: on a mesh, or on the object as it was photographed, beside its photographs.
 import { ask, attempt, bytes, say } from "/api.js";
-import { h, percent } from "/show.js";
+import { scaleBar } from "/chart.js";
+import { copied, quoted, resultOf } from "/command.js";
+import { field, fill, h, percent, select, slider } from "/show.js";
 import { readMaps, readMesh } from "/viewer-files.js";
 import { Renderer, SHADOW } from "/viewer-gl.js";
 import { hands } from "/viewer-hands.js";
@@ -8,6 +10,7 @@ import { FIELD, FROM, axes, scale, turned, unit, wholeDistance } from "/viewer-s
 
 const OBJECT = "object";
 const OWN = "own";
+const MOVED = "moved";
 const SURFACES = { knot: "Knot", sphere: "Sphere", cylinder: "Cylinder", [OBJECT]: "Object as photographed", [OWN]: "Mesh of my own" };
 const KINDS = { obj: "model/obj", glb: "model/gltf-binary", gltf: "model/gltf+json" };
 /// The light of `rigd render` unless told otherwise, and the nearest a lamp comes to a mesh, in its radius.
@@ -17,28 +20,13 @@ const NEAREST = 1.2;
 /// No steeper than this above or below, radians: beyond, up and down change places.
 const STEEPEST = 1.55;
 const PIXELS_A_POINT = 2;
+/// So near the line a drag moves it, points on the screen.
+const NEAR_LINE = 20;
 /// A frame while something moves: slower ones get larger pixels, quicker ones smaller ones again; and how large they may become, each way.
 const [SLOW_MS, QUICK_MS, COARSEST] = [50, 30, 4];
 
 const seconds = (value) => (value < 0.5 ? `1/${Math.round(1 / value)} s` : `${+value.toPrecision(2)} s`);
 const coordinates = (v) => v.map((x) => +x.toPrecision(6)).join(",");
-
-/// A labelled control with what it stands at beside it.
-function field(text, control, told = "") {
-  return h("div", { className: "field" }, h("label", { for: control.id }, text, " ", told), control);
-}
-
-function select(id, options, change) {
-  const made = h("select", { id, onchange: () => change(made.value) }, Object.entries(options).map(([value, text]) => h("option", { value }, text)));
-  return made;
-}
-
-/// A slider over powers of two.
-function slider(id, least, most, value, change) {
-  const told = h("output", { for: id });
-  const control = h("input", { id, type: "range", min: least, max: most, step: 0.05, value, oninput: () => change(2 ** control.value) });
-  return { control, told };
-}
 
 class Viewer {
   constructor(id, box) {
@@ -56,14 +44,15 @@ class Viewer {
   }
 
   async open() {
-    const [material, curves] = await Promise.all([ask(`${this.path}/texture?patch=${this.state.patch}`).catch((error) => this.smaller(error)), ask(`${this.path}/response`)]);
+    const [material, curves, result] = await Promise.all([ask(`${this.path}/texture?patch=${this.state.patch}`).catch((error) => this.smaller(error)), ask(`${this.path}/response`), resultOf(this.id)]);
     this.material = material;
+    this.result = result;
     this.curves = curves;
     await this.renderer.setMaterial(material);
     this.renderer.setResponse(curves);
     await this.take(this.state.surface);
     this.build();
-    hands(this.canvas, { turn: this.turn.bind(this), zoom: this.zoomed.bind(this), rest: this.rest.bind(this), held: () => this.state.held });
+    hands(this.canvas, { turn: this.turn.bind(this), zoom: this.zoomed.bind(this), rest: this.rest.bind(this), held: () => this.state.held, near: this.nearLine.bind(this), draw: (line) => this.drawLine(line) });
     this.watching = new ResizeObserver(() => this.draw());
     this.watching.observe(this.canvas);
     this.update();
@@ -86,11 +75,13 @@ class Viewer {
         this.middle = this.middleOf(this.maps.planes);
       }
       await this.photograph(this.state.station ?? 0);
-    } else if (surface !== OWN) {
-      this.mesh = readMesh(await bytes(`/v1/meshes/${surface}`));
-      this.renderer.setMesh({ ...this.mesh, closed: true });
+    } else {
+      this.mesh = surface === OWN ? this.own.mesh : readMesh(await bytes(`/v1/meshes/${surface}`));
+      this.renderer.setMesh({ ...this.mesh, closed: surface !== OWN });
     }
     this.state.surface = surface;
+    // The name beside the file's button is that of the mesh that is shown, or none.
+    if (this.file && surface !== OWN) this.file.value = "";
   }
 
   /// Mean of the points of the object that are seen, mm: a lamp turns about it.
@@ -109,15 +100,28 @@ class Viewer {
 
   async ownMesh(file) {
     const kind = KINDS[file.name.split(".").pop().toLowerCase()];
-    if (!kind) return say("A mesh has a name that ends in .obj, .gltf or .glb.");
-    const mesh = readMesh(await bytes("/v1/meshes", { method: "POST", headers: { "Content-Type": kind }, body: file }));
-    this.mesh = mesh;
-    this.renderer.setMesh(mesh);
-    Object.assign(this.state, { surface: OWN, eye: FROM, zoom: 1, show: this.onMesh(this.state.show) ? this.state.show : "mixture" });
-    this.own = file.name;
-    this.surfaces.value = OWN;
-    this.offer();
-    this.update();
+    const refused = (reason) => {
+      this.fileError.textContent = `${file.name}: ${reason}`;
+      this.file.value = "";
+    };
+    if (!kind) return refused("a mesh has a name that ends in .obj, .gltf or .glb.");
+    const sent = await attempt(() => bytes("/v1/meshes", { method: "POST", headers: { "Content-Type": kind }, body: file }), refused);
+    if (!sent) return;
+    this.own = { name: file.name, mesh: readMesh(sent) };
+    await this.show(OWN);
+  }
+
+  /// Shows a surface from where it is seen best.
+  async show(surface) {
+    await this.take(surface);
+    Object.assign(this.state, { eye: FROM, zoom: 1 });
+    if (!this.onObject && !this.onMesh(this.state.show)) this.state.show = "mixture";
+  }
+
+  /// What the last action was told of does not hold for the next one.
+  forget() {
+    say();
+    this.fileError.textContent = "";
   }
 
   get onObject() { return this.state.surface === OBJECT; }
@@ -135,22 +139,24 @@ class Viewer {
   build() {
     const { state } = this;
     const set = (values) => {
+      this.forget();
       Object.assign(state, values);
       this.update();
     };
     const later = (work) => attempt(async () => {
-      say();
-      await work();
-      this.update();
+      this.forget();
+      try {
+        await work();
+      } finally {
+        // Also after a refusal, controls say what is shown.
+        this.offer();
+        this.update();
+      }
     });
-    this.surfaces = select("viewer-surface", SURFACES, (surface) => later(async () => {
-      if (surface === OWN) return this.file.click();
-      await this.take(surface);
-      Object.assign(state, { eye: FROM, zoom: 1 });
-      if (!this.onObject && !this.onMesh(state.show)) state.show = "mixture";
-      return this.offer();
-    }));
-    this.file = h("input", { id: "viewer-file", type: "file", accept: ".obj,.gltf,.glb", onchange: () => this.file.files[0] && later(() => this.ownMesh(this.file.files[0])) });
+    this.surfaces = select("viewer-surface", SURFACES, (surface) => later(() => (surface === OWN && !this.own ? this.file.click() : this.show(surface))));
+    this.fileError = h("p", { id: "viewer-file-error", className: "fault", role: "alert" });
+    this.file = h("input", { id: "viewer-file", type: "file", accept: ".obj,.gltf,.glb", "aria-describedby": "viewer-file-error",
+      onchange: () => this.file.files[0] && later(() => this.ownMesh(this.file.files[0])) });
     this.shown = select("viewer-show", this.shows(), (show) => set({ show }));
     this.exposure = slider("viewer-exposure", -11, 6, 1, (value) => set({ seconds: value }));
     this.brightness = slider("viewer-irradiance", -6, 9, Math.log2(IRRADIANCE), (value) => set({ irradiance: value }));
@@ -170,22 +176,28 @@ class Viewer {
       if (repeats.checkValidity() && repeats.value) set({ repeats: Number(repeats.value) });
     } });
     this.stations = h("select", { id: "viewer-station", onchange: () => later(() => this.photograph(Number(this.stations.value))) });
-    const compare = select("viewer-compare", { 1: "a line to draw across", 2: "side by side", 0: "the fitted one alone" }, (value) => set({ comparing: Number(value) }));
-    const line = h("input", { id: "viewer-line", type: "range", min: 0, max: 1, step: 0.01, value: state.line, oninput: () => set({ line: Number(line.value) }) });
+    this.compare = select("viewer-compare", { 1: "a line to draw across", 2: "side by side", 0: "the fitted one alone" }, (value) => set({ comparing: Number(value) }));
+    this.line = h("input", { id: "viewer-line", type: "range", min: 0, max: 1, step: 0.01, value: state.line, oninput: () => set({ line: Number(this.line.value) }) });
     const back = h("button", { type: "button", onclick: () => {
       this.placed = this.real;
       set({ light: LIGHT, eye: FROM, zoom: 1 });
     } }, "Light and camera back");
     this.legend = h("p", { className: "ramp", role: "status" });
+    this.moved = h("p", { className: "moved", role: "status" });
+    this.realLight = h("button", { type: "button", onclick: () => {
+      this.placed = this.real;
+      set({});
+      this.canvas.focus();
+    } }, "The session's light back");
     this.command = h("code", {});
     this.meshControls = h("div", {}, field("Light", kind), field("Irradiance in the middle", this.brightness.control, this.brightness.told),
       this.away = field("Lamp's distance", this.distance.control, this.distance.told), field("Texture: square of", patch), field("Repeats", repeats),
-      h("details", {}, h("summary", {}, "The same by command"), h("p", {}, this.command)));
-    this.objectControls = h("div", {}, field("Light of the session", this.stations), field("Compare with what was measured", compare),
-      this.lineField = field("Line: measured left of it, fitted right", line));
-    this.box.replaceChildren(h("div", { className: "viewer" }, h("figure", {}, this.canvas, this.legend,
-      h("figcaption", { id: "viewer-keys" }, "Drag, or the arrow keys: the light. With Shift or the right button: the camera. + and −, two fingers, or Ctrl and the wheel: nearer and farther.")),
-      h("div", { className: "controls" }, field("On", this.surfaces), field("Open a mesh (.obj, .glb, .gltf)", this.file), field("Show", this.shown),
+      h("details", {}, h("summary", {}, "The same by command"), h("p", { className: "small" }, "In a terminal on the daemon's machine:"), copied(this.command)));
+    this.objectControls = h("div", {}, field("Light of the session", this.stations), field("Compare with what was measured", this.compare),
+      this.lineField = field("Line: measured left of it, fitted right", this.line));
+    this.box.replaceChildren(h("div", { className: "viewer" }, h("figure", {}, this.canvas, this.moved, this.realLight, this.legend,
+      h("figcaption", { id: "viewer-keys" }, "Drag, or the arrow keys: the light; near the line between measured and fitted: the line. With Shift or the right button: the camera. + and −, two fingers, or Ctrl and the wheel: nearer and farther.")),
+      h("div", { className: "controls" }, field("On", this.surfaces), field("Open a mesh (.obj, .glb, .gltf)", this.file), this.fileError, field("Show", this.shown),
         field("Exposure", this.exposure.control, this.exposure.told), this.through = h("p", { className: "small" }), field("Dragging turns", held),
         this.meshControls, this.objectControls, h("p", {}, back))));
     this.offer();
@@ -194,11 +206,32 @@ class Viewer {
   /// Which controls the surface has.
   offer() {
     this.surfaces.value = this.state.surface;
-    this.surfaces.querySelector(`[value="${OWN}"]`).textContent = this.own ?? SURFACES[OWN];
+    this.surfaces.querySelector(`[value="${OWN}"]`).textContent = this.own?.name ?? SURFACES[OWN];
     for (const option of this.shown.options) option.disabled = !this.onObject && !this.onMesh(option.value);
     this.meshControls.hidden = this.onObject;
     this.objectControls.hidden = !this.onObject;
-    if (this.onObject && !this.stations.options.length) this.stations.append(...this.lights.map((_, i) => h("option", { value: i }, `light ${i}`)));
+    if (this.onObject && !this.stations.options.length) {
+      // With one of its own for the moved light, every light of the session can be chosen, the one before as well.
+      this.stations.append(h("option", { value: MOVED, disabled: true, hidden: true }, "moved by hand"), ...this.lights.map((_, i) => h("option", { value: i }, `light ${i}`)));
+    }
+  }
+
+  get isMoved() { return this.onObject && this.placed !== this.real; }
+
+  /// Whether the line between measured and fitted is at this place across the picture.
+  nearLine(x) {
+    return this.comparing === 1 && Math.abs(x - this.state.line) * this.canvas.clientWidth < NEAR_LINE;
+  }
+
+  drawLine(line) {
+    this.moving = true;
+    this.state.line = line;
+    this.update();
+  }
+
+  /// How what was measured is shown beside what was fitted; 0 where it is not.
+  get comparing() {
+    return this.onObject && this.state.show === "mixture" && !this.isMoved ? this.state.comparing : 0;
   }
 
   turn(what, across, down) {
@@ -248,8 +281,7 @@ class Viewer {
     const [kind, index] = state.show.split("-");
     const shown = { alone: kind === "alone" ? Number(index) : -1, showing: ["weight", "sigma", "residual"].includes(kind) ? kind : "radiance", weight: Number(index ?? 0), most: this.most(kind, index), seconds: state.seconds };
     if (this.onObject) {
-      const comparing = kind === "mixture" && this.placed === this.real ? state.comparing : 0;
-      return { ...shown, ...this.placed, object: true, comparing, line: state.line };
+      return { ...shown, ...this.placed, object: true, comparing: this.comparing, line: state.line };
     }
     const light = state.lamp ? [...scale(state.light, state.away), 1] : [...state.light, 0];
     const strength = Array(3).fill(state.irradiance * (state.lamp ? state.away ** 2 : 1));
@@ -273,20 +305,25 @@ class Viewer {
     this.away.hidden = !state.lamp;
     this.through.textContent = this.curves.calibration == null ? "Levels of sRGB: this session has no calibrated response." : `Through the response of calibration ${this.curves.calibration}.`;
     this.shown.value = state.show;
-    if (this.onObject) this.stations.value = state.station;
-    this.lineField.hidden = state.comparing !== 1;
+    if (this.onObject) this.stations.value = this.isMoved ? MOVED : state.station;
+    this.compare.value = state.comparing;
+    this.compare.disabled = this.isMoved;
+    this.line.value = state.line;
+    this.lineField.hidden = this.comparing !== 1;
+    fill(this.moved, this.isMoved ? "The light was moved by hand: there is no photograph under it to compare with." : "");
+    this.realLight.hidden = !this.isMoved;
     this.canvas.dataset.surface = state.surface;
     this.draw();
   }
 
-  /// What colours mean, and why nothing is compared.
+  /// What colours mean, with numbers.
   describe({ showing, most }) {
     const words = {
-      weight: "0 to 1", sigma: `0 to ${most.toPrecision(2)} and more; blue: not determined`,
-      residual: `0 to ${percent(most)} and more, mean of the channels`,
+      weight: "Weight", sigma: "Standard error of the weight (a weight is 0 to 1); the last colour: that and more; blue: not determined",
+      residual: "Mean relative error over lights and channels; the last colour: that and more",
     }[showing];
-    const moved = this.onObject && this.placed !== this.real ? "The light is not where it was: there is no photograph to compare with." : "";
-    this.legend.replaceChildren(...(words ? [h("span", { className: "colours" }), ` ${words}`] : [moved]));
+    const number = (part) => (showing === "residual" ? percent(part * most) : String(+(part * most).toPrecision(2)));
+    fill(this.legend, words ? scaleBar([0, 0.5, 1].map(number), words) : "");
   }
 
   /// What makes `rigd render` draw the same picture.
@@ -295,7 +332,7 @@ class Viewer {
     const place = (v) => coordinates(v.map((x, i) => middle[i] + radius * x));
     const light = scene.light[3] ? `--light-position=${place(scene.light.slice(0, 3))} --intensity=${+(scene.strength[0] * radius ** 2).toPrecision(6)}`
       : `--light-direction=${coordinates(scene.light.slice(0, 3))} --irradiance=${+scene.strength[0].toPrecision(6)}`;
-    return `rigd render RESULT --out picture --mesh ${this.state.surface === OWN ? this.own : this.state.surface} --camera=${place(scene.eye)} --look-at=${place(scene.middle)} `
+    return `rigd render ${this.result} --out picture --mesh ${this.state.surface === OWN ? quoted(this.own.name) : this.state.surface} --camera=${place(scene.eye)} --look-at=${place(scene.middle)} `
       + `${light} --exposure ${+this.state.seconds.toPrecision(4)} --patch ${this.state.patch} --repeats ${this.state.repeats} --size ${width}x${height}`;
   }
 

@@ -4,7 +4,7 @@ mod rti;
 mod session;
 
 use super::error::{bad_input, print_line};
-use super::render;
+use super::{place, render};
 use crate::numerics::brdf;
 use crate::numerics::render::shapes;
 use crate::pipeline::export::loss::Loss;
@@ -12,7 +12,7 @@ use crate::pipeline::export::surface::Surface;
 use crate::pipeline::export::{self, Captured, Format, archive, sentence};
 use crate::store::files::{self, shown};
 use crate::store::{export as written, result};
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde::Serialize;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -20,12 +20,12 @@ use std::path::{Path, PathBuf};
 /// Export a fitted material to a format of other programs, and say what that loses.
 ///
 /// Beside the files of the format README.txt and loss.json tell what they carry, what is lost as measured, and how to open them.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct Args {
-    /// Result directory written by `rigd fit --out`, or the one inside a session.
+    /// Result directory written by `rigd fit --out`, a session's directory, or DATA/ID.
     pub result: PathBuf,
     /// The format (docs/export.md says what each carries and loses).
-    #[arg(long, value_parser = PossibleValuesParser::new(names()))]
+    #[arg(long, value_parser = PossibleValuesParser::new(formats()))]
     pub format: String,
     /// Where to write; a file that is read is never written over.
     #[arg(long)]
@@ -65,20 +65,31 @@ struct Square {
     row: usize,
 }
 
-/// A format that is not made of a material, and what makes it.
-type OfSession = (&'static str, fn(&Args) -> anyhow::Result<()>);
+/// A format that is not made of a material, what it is, and what makes it.
+type OfSession = (&'static str, &'static str, fn(&Args) -> anyhow::Result<()>);
 
 /// Formats made of what the material was fitted to.
-const OF_SESSION: [OfSession; 2] = [(export::rti::NAME, rti::run), (archive::NAME, session::run)];
+const OF_SESSION: [OfSession; 2] = [
+    (export::rti::NAME, "A picture a light, for RTI programs", rti::run),
+    (archive::NAME, "The whole session as RO-Crate in a BagIt bag", session::run),
+];
 
 /// Every format there is.
 fn names() -> Vec<&'static str> {
-    export::names().into_iter().chain(OF_SESSION.map(|(name, _)| name)).collect()
+    export::names().into_iter().chain(OF_SESSION.map(|(name, ..)| name)).collect()
+}
+
+/// The same with a word each.
+fn formats() -> Vec<PossibleValue> {
+    let of_material = export::FORMATS.iter().map(|format| (format.name, format.about));
+    let all = of_material.chain(OF_SESSION.map(|(name, about, _)| (name, about)));
+    all.map(|(name, about)| PossibleValue::new(name).help(about)).collect()
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    if let Some((_, make)) = OF_SESSION.iter().find(|(name, _)| *name == args.format) {
+    let args = &Args { result: place::result(&args.result).map_err(bad_input)?, ..args.clone() };
+    if let Some((_, _, make)) = OF_SESSION.iter().find(|(name, ..)| *name == args.format) {
         return make(args);
     }
     let Some(format) = export::by_name(&args.format) else {
@@ -163,4 +174,22 @@ fn folder_with(result: &Path, name: &str, why: &str) -> anyhow::Result<PathBuf> 
 /// A path and what is wrong with it, as one line.
 fn at_path((path, reason): (PathBuf, impl Display)) -> String {
     format!("{}: {reason}", shown(&path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_offers_every_format_and_no_other() {
+        let script = include_str!("../../web/command.js");
+        let list =
+            script.split("const FORMATS = {").nth(1).and_then(|rest| rest.split("};").next()).unwrap_or_default();
+        let mut offered: Vec<&str> =
+            list.lines().filter_map(|line| line.trim().split_once(": ")).map(|pair| pair.0).collect();
+        let mut all = names();
+        offered.sort_unstable();
+        all.sort_unstable();
+        assert_eq!(offered, all);
+    }
 }

@@ -1,6 +1,7 @@
 //! `rigd fit`: fits a dataset directory, no daemon needed.
 
 use super::error::{bad_input, print_json};
+use super::place;
 use super::progress::Progress;
 use super::terminal::Tone;
 use crate::pipeline::fit::{FitError, FitOptions, FitProgress, FitResult, cpu_seconds, fit};
@@ -15,7 +16,7 @@ use std::time::Instant;
 /// Fit a material to a dataset directory (dataset.toml beside its images).
 #[derive(clap::Args)]
 pub struct Args {
-    /// Dataset directory; a finished session is one.
+    /// Dataset directory; a finished session is one, and DATA/ID names it, too.
     pub dataset: PathBuf,
     /// Where to write the result; a file of the dataset is never written over.
     #[arg(long, default_value = "rigd-result")]
@@ -70,7 +71,8 @@ fn parse_materials(text: &str) -> Result<Materials, String> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let (begin, cpu_begin) = (Instant::now(), cpu_seconds());
-    let data = dataset::read(&args.dataset).map_err(bad_input)?;
+    let directory = place::dataset(&args.dataset).map_err(bad_input)?;
+    let data = dataset::read(&directory).map_err(bad_input)?;
     let (load, cpu_load) = (begin.elapsed(), cpu_seconds() - cpu_begin);
     let options = FitOptions {
         materials: args.materials.0,
@@ -85,7 +87,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         threads: args.threads,
     };
     // Found out before the fit, not after it.
-    let inputs = dataset::inputs(&args.dataset).map_err(bad_input)?;
+    let inputs = dataset::inputs(&directory).map_err(bad_input)?;
     result::make_ready(&args.out, &inputs).map_err(bad_input)?;
     let progress = Progress::stages_unless(args.json);
     progress.stage("fitting: the number of materials and the model are sought first, unless they are given");

@@ -16,6 +16,7 @@ pub mod man;
 pub mod merge;
 pub mod notify;
 mod on_rig;
+mod place;
 pub mod progress;
 pub mod queue;
 pub mod relight;

@@ -1,6 +1,7 @@
 //! `rigd relight`: the radiance images a fitted material sends under the lights of a dataset.
 
 use super::error::{bad_input, print_json, print_line};
+use super::place;
 use super::progress::Progress;
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
@@ -12,9 +13,9 @@ use std::path::PathBuf;
 /// Predict the radiance image of every light of a dataset: same camera and object.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Result directory written by `rigd fit --out`.
+    /// Result directory written by `rigd fit --out`, a session's directory, or DATA/ID.
     pub result: PathBuf,
-    /// Dataset directory whose lights are used; its images need not exist.
+    /// Dataset directory whose lights are used, as a session's is; DATA/ID as well. Its images need not exist.
     #[arg(long)]
     pub lights: PathBuf,
     /// Where to write one EXR a light; a file of the result or of the dataset is never written over.
@@ -27,16 +28,18 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let stored = result::read_material(&args.result).map_err(bad_input)?;
-    let geometry = dataset::read_geometry(&args.lights).map_err(bad_input)?;
+    let lights = &place::dataset(&args.lights).map_err(bad_input)?;
+    let result = &place::result(&args.result).map_err(bad_input)?;
+    let stored = result::read_material(result).map_err(bad_input)?;
+    let geometry = dataset::read_geometry(lights).map_err(bad_input)?;
     let size = [geometry.width, geometry.height];
     if size != stored.material.size {
         return Err(bad_input(format!(
             "{}: {} x {} pixels, but the material in {} was fitted at {} x {}: relight with the same camera",
-            args.lights.display(),
+            lights.display(),
             size[0],
             size[1],
-            args.result.display(),
+            result.display(),
             stored.material.size[0],
             stored.material.size[1]
         )));
@@ -45,8 +48,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Err(bad_input(format!("unknown BRDF model {}", stored.material.model)));
     };
     let names: Vec<String> = (0..geometry.lights.len()).map(|index| format!("{index:03}.exr")).collect();
-    let mut inputs = dataset::inputs(&args.lights).map_err(bad_input)?;
-    inputs.extend(result::inputs(&args.result));
+    let mut inputs = dataset::inputs(lights).map_err(bad_input)?;
+    inputs.extend(result::inputs(result));
     files::make_ready(&args.out, names.iter().map(String::as_str), &inputs).map_err(at_path).map_err(bad_input)?;
     let materials = stored.material.materials();
     let progress = Progress::counted_unless(args.json, "images");

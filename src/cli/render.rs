@@ -6,6 +6,7 @@ pub(super) mod response;
 pub use arguments::Args;
 
 use super::error::{bad_input, print_json, print_line};
+use super::place;
 use super::progress::Progress;
 use crate::numerics::brdf;
 use crate::numerics::image::{Image, RadianceImage};
@@ -28,15 +29,16 @@ const FILES: [&str; 2] = ["render.exr", "render.png"];
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let stored = result::read_material(&args.result).map_err(bad_input)?;
-    let sigma = result::read_sigma(&args.result, &stored.material).map_err(bad_input)?;
-    let (tile, patch) = tile(&args.result, args.patch, &stored.weights, &sigma)?;
+    let result = &place::result(&args.result).map_err(bad_input)?;
+    let stored = result::read_material(result).map_err(bad_input)?;
+    let sigma = result::read_sigma(result, &stored.material).map_err(bad_input)?;
+    let (tile, patch) = tile(result, args.patch, &stored.weights, &sigma)?;
     let StoredMesh { mesh, files: mesh_files } = read_mesh(&args.mesh)?;
-    let found = response::find(args.response.as_deref(), &args.result).map_err(bad_input)?;
+    let found = response::find(args.response.as_deref(), result).map_err(bad_input)?;
     let camera = camera(args, &mesh)?;
     let mut inputs = mesh_files;
-    inputs.extend(result::inputs(&args.result));
-    inputs.push(result::sigma_file(&args.result));
+    inputs.extend(result::inputs(result));
+    inputs.push(result::sigma_file(result));
     inputs.extend(found.file.clone());
     files::make_ready(&args.out, FILES, &inputs).map_err(at_path).map_err(bad_input)?;
     let Some(lobe) = brdf::by_name(&stored.material.model) else {

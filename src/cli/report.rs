@@ -1,10 +1,10 @@
 //! `rigd report`: the report of a session, for people, as HTML and as PDF.
 
 use super::error::{bad_input, print_line};
+use super::place;
 use crate::document::{html, pdf};
 use crate::session::report;
 use crate::store::files::{Unfinished, make_ready, shown};
-use crate::store::manifest::SESSIONS;
 use anyhow::anyhow;
 use std::path::{Path, PathBuf};
 
@@ -48,9 +48,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The directory that is meant, by its own name: a session's must be its id.
 fn directory(named: &Path) -> anyhow::Result<PathBuf> {
-    let in_data = || Some(named.parent()?.join(SESSIONS).join(named.file_name()?));
-    let found = if named.is_dir() { Some(named.to_owned()) } else { in_data().filter(|path| path.is_dir()) };
-    let found = found.and_then(|path| path.canonicalize().ok());
+    let found = place::directory(named).and_then(|path| path.canonicalize().ok());
     found.ok_or_else(|| {
         bad_input(format!(
             "{}: no such directory: give a session's directory, DATA/ID, or a directory written by `rigd fit --out`",

@@ -1,10 +1,12 @@
 //! `rigd verify`: is what lies on disk still what was committed?
 
 use super::error::{bad_input, print_json, print_line};
+use super::place;
 use super::terminal::Tone;
 use crate::session::index::{CheckError, check};
 use crate::session::verify::{Verified, examine, write_down};
 use crate::store::RealDisk;
+use crate::store::files::shown;
 use crate::store::index::{IndexError, Reader};
 use crate::store::manifest::{CALIBRATIONS, SESSIONS};
 use anyhow::bail;
@@ -15,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// `verified.json` that says so, what is not loses it. What the index of the data directory says is held against the journals as well.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Directories of sessions or calibrations, or a data directory: then all that is in it.
+    /// Directories of sessions or calibrations, DATA/ID, or a data directory: then all that is in it.
     #[arg(required = true)]
     directories: Vec<PathBuf>,
     /// Print an array of what was found and nothing else.
@@ -40,7 +42,13 @@ struct Found {
 /// A directory that is none, or holds nothing to check; anything that is not what it was.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut all = Vec::new();
-    for directory in &args.directories {
+    for named in &args.directories {
+        let directory = &place::directory(named).ok_or_else(|| {
+            bad_input(format!(
+                "{}: no such directory: name a session (its directory, or DATA/ID) or a data directory",
+                shown(named)
+            ))
+        })?;
         let runs = runs(directory)?;
         if runs.is_empty() {
             return Err(bad_input(format!(

@@ -88,7 +88,10 @@ fn put_block(out: &mut String, block: &Block, at: &mut Numbers) {
             put_drawing(out, drawing, at.figures);
             at.figures += 1;
         }
-        Block::Picture(picture) => put_picture(out, picture),
+        Block::Picture(picture) => {
+            put_picture(out, picture, at.figures);
+            at.figures += 1;
+        }
     }
 }
 
@@ -116,24 +119,39 @@ fn put_table(out: &mut String, table: &Table) {
     *out += "</tbody>\n</table>\n</div>\n";
 }
 
-fn put_picture(out: &mut String, picture: &Picture) {
+fn put_picture(out: &mut String, picture: &Picture, number: usize) {
     let ([width, height], data) = (picture.size, STANDARD.encode(&picture.png));
     put(
         out,
         format_args!(
-            "<figure><img src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" alt=\"{}\">\n<figcaption>{}</figcaption></figure>\n",
-            escape(&picture.alternative),
-            escape(&picture.caption)
+            "<figure><img src=\"data:image/png;base64,{data}\" width=\"{width}\" height=\"{height}\" alt=\"{}\">\n",
+            escape(&picture.alternative)
         ),
     );
+    if let Some(scale) = &picture.scale {
+        put_svg(out, scale, number);
+        put(
+            out,
+            format_args!("<figcaption>{}</figcaption>\n", escape(&format!("{} {}", scale.caption, picture.caption))),
+        );
+    } else {
+        put(out, format_args!("<figcaption>{}</figcaption>\n", escape(&picture.caption)));
+    }
+    *out += "</figure>\n";
 }
 
 fn put_drawing(out: &mut String, drawing: &Drawing, number: usize) {
+    *out += "<figure>";
+    put_svg(out, drawing, number);
+    put(out, format_args!("<figcaption>{}</figcaption></figure>\n", escape(&drawing.caption)));
+}
+
+fn put_svg(out: &mut String, drawing: &Drawing, number: usize) {
     let [width, height] = drawing.size;
     put(
         out,
         format_args!(
-            "<figure><svg viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" role=\"img\" aria-labelledby=\"f{number}\">\
+            "<svg viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" role=\"img\" aria-labelledby=\"f{number}\">\
          <title id=\"f{number}\">{}</title>\n",
             escape(&drawing.alternative)
         ),
@@ -141,7 +159,7 @@ fn put_drawing(out: &mut String, drawing: &Drawing, number: usize) {
     for shape in &drawing.shapes {
         put_shape(out, shape);
     }
-    put(out, format_args!("</svg>\n<figcaption>{}</figcaption></figure>\n", escape(&drawing.caption)));
+    *out += "</svg>\n";
 }
 
 fn put_shape(out: &mut String, shape: &Shape) {

@@ -84,6 +84,8 @@ pub struct Picture {
     pub size: [u32; 2],
     /// A PNG file of 8 bits a channel, red green blue, not interlaced.
     pub png: Vec<u8>,
+    /// The scale of its colours, never parted from it.
+    pub scale: Option<Drawing>,
 }
 
 /// A text as it may be shown: no control characters, nothing that changes the direction of reading, no code point that is no character, and no

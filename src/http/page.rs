@@ -18,6 +18,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("/calibration.js", SCRIPT, include_str!("../../web/calibration.js")),
     ("/chart.js", SCRIPT, include_str!("../../web/chart.js")),
     ("/checks.js", SCRIPT, include_str!("../../web/checks.js")),
+    ("/command.js", SCRIPT, include_str!("../../web/command.js")),
     ("/compare.js", SCRIPT, include_str!("../../web/compare.js")),
     ("/dashboard.js", SCRIPT, include_str!("../../web/dashboard.js")),
     ("/dome.js", SCRIPT, include_str!("../../web/dome.js")),

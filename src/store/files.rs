@@ -66,7 +66,7 @@ fn absence(path: &Path, what: &str, error: &std::io::Error) -> String {
         Ok(target) => {
             format!("this link points to {}, where nothing is: mend the link or put the {what} there", shown(&target))
         }
-        Err(_) => format!("there is no such {what}: paths are relative to the file that names them"),
+        Err(_) => format!("there is no such {what}: put it there, or correct the path"),
     }
 }
 

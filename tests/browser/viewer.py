@@ -267,7 +267,8 @@ def is_driven(chromium, daemon, id, folder):
     canvas, command = page.locator("canvas"), page.locator(".viewer code")
     expect(canvas).to_be_visible()
     page.get_by_text("The same by command").click()
-    expect(command).to_contain_text("rigd render RESULT --out picture --mesh knot")
+    result = daemon.folder / "data" / "sessions" / id / "result"
+    expect(command).to_contain_text(f"rigd render {result} --out picture --mesh knot")
     page.wait_for_timeout(500)
     shows_what_its_command_makes(page, daemon, id, folder)
 
@@ -302,10 +303,11 @@ def is_driven(chromium, daemon, id, folder):
 
     (folder / "broken.obj").write_text("v 1 2\nf 1 2 3\n")
     page.locator("#viewer-file").set_input_files(folder / "broken.obj")
-    expect(page.locator("#message")).to_be_visible()
+    expect(page.locator("#viewer-file-error")).to_contain_text("broken.obj: ")
+    check("a mesh that is refused is not named as if it were shown", page.locator("#viewer-file").input_value() == "")
     page.locator("#viewer-file").set_input_files(folder / "ring.obj")
     expect(command).to_contain_text("--mesh ring.obj")
-    expect(page.locator("#message")).to_be_hidden()
+    expect(page.locator("#viewer-file-error")).to_be_empty()
 
     for browser in browsers:
         browser.open("health")
@@ -318,6 +320,7 @@ def is_driven(chromium, daemon, id, folder):
         expect(browser.page.locator("canvas[data-surface=object]")).to_be_visible()
         browser.page.get_by_label("Light of the session").select_option("3")
         browser.page.wait_for_timeout(1500)
+        compares_until_the_light_is_moved(browser.page)
         if browser.look == "desktop":
             browser.page.get_by_label("Compare with").select_option("2")
             browser.page.wait_for_timeout(500)
@@ -337,13 +340,43 @@ def is_driven(chromium, daemon, id, folder):
         browser.quiet(f"the viewer, {browser.look}")
 
 
+def compares_until_the_light_is_moved(page):
+    """Controls say what is shown; a drag at the line moves it, one elsewhere the light, which a button and the list of lights bring back."""
+    canvas, moved = page.locator("canvas"), page.locator(".moved")
+    check("a line is drawn at first, and the list says so", page.get_by_label("Compare with").input_value() == "1")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def drag(start, end):
+        page.mouse.move(start, y)
+        page.mouse.down()
+        page.mouse.move(end, y, steps=4)
+        page.mouse.up()
+
+    drag(x + 3, x + 0.2 * box["width"])
+    line = float(page.locator("#viewer-line").input_value())
+    check("a drag at the line moves the line, not the light", abs(line - 0.7) < 0.02 and not moved.inner_text(), line)
+    for back in ("button", "list"):
+        drag(x - 0.3 * box["width"], x - 0.2 * box["width"])
+        expect(moved).to_contain_text("moved by hand")
+        check("a moved light is none of the session's", page.locator("#viewer-station").input_value() == "moved")
+        if back == "button":
+            page.get_by_role("button", name="The session's light back").click()
+        else:
+            page.locator("#viewer-station").select_option("3")
+        expect(moved).to_be_empty()
+        check(f"the {back} brings the light back", page.locator("#viewer-station").input_value() == "3")
+    drag(x + 0.2 * box["width"], x)
+
+
 def part(command, name):
     return next(word for word in command.split() if word.startswith(name))
 
 
 def shows_what_its_command_makes(page, daemon, id, folder):
     """The picture on the screen against render.png of the command that the page tells; edges are smoother on the screen."""
-    command = page.locator(".viewer code").inner_text().replace("RESULT", str(daemon.folder / "data" / "sessions" / id / "result"))
+    command = page.locator(".viewer code").inner_text()
     words = shlex.split(command.replace("--out picture", f"--out {folder / 'same'}"))
     subprocess.run([RIGD, *words[1:]], check=True, stdout=subprocess.DEVNULL)
     told = np.asarray(Image.open(folder / "same" / "render.png").convert("RGB")).astype(float)

@@ -64,6 +64,10 @@ impl Verdict {
                 100.0 * error
             )?;
         }
+        writeln!(
+            out,
+            "  (found: albedos with the weights scaled to the true ones; page and report have them at a largest weight of 1)"
+        )?;
         writeln!(out, "  weight maps: rms error {:.3}", self.weight_error)?;
         writeln!(
             out,

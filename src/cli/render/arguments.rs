@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// right-handed, y up, any unit. Nothing but the light shines, and light reflected twice is not followed.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Result directory written by `rigd fit --out`, or the one inside a session.
+    /// Result directory written by `rigd fit --out`, a session's directory, or DATA/ID.
     pub result: PathBuf,
     /// A file (.obj, .gltf, .glb), or one of the shapes that come with rigd: sphere, cylinder, knot.
     #[arg(long, default_value = "knot")]

@@ -6,7 +6,7 @@ mod lines;
 mod page;
 mod shapes;
 
-use super::{Block, Document, Picture, Table, shown};
+use super::{Block, Document, Drawing, Picture, Table, shown};
 use font::{Font, encode};
 use lines::{fit_columns, wrap};
 use page::{HEIGHT, LEFT, Pages, Style, WIDTH};
@@ -32,18 +32,17 @@ pub fn write(document: &Document) -> Vec<u8> {
     pages.paragraph(&document.title, TITLE, LEFT, WIDTH);
     let mut sections = Vec::new();
     let mut pictures = Vec::new();
-    for block in &document.blocks {
+    for (index, block) in document.blocks.iter().enumerate() {
         match block {
             Block::Section(text) => {
-                // A heading stays with what follows.
-                pages.ensure(90.0);
+                pages.ensure(together(&document.blocks[index..]));
                 pages.skip(12.0);
                 sections.push((text.as_str(), pages.place()));
                 pages.paragraph(text, SECTION, LEFT, WIDTH);
                 pages.rule();
             }
             Block::Heading(text) => {
-                pages.ensure(60.0);
+                pages.ensure(together(&document.blocks[index..]));
                 pages.skip(6.0);
                 pages.paragraph(text, HEADING, LEFT, WIDTH);
             }
@@ -56,15 +55,48 @@ pub fn write(document: &Document) -> Vec<u8> {
             }),
             Block::Table(table) => put_table(&mut pages, table),
             Block::Drawing(drawing) => {
-                let scale = (WIDTH / drawing.size[0]).min(1.0);
-                pages.ensure(scale * drawing.size[1] + 30.0);
-                shapes::put(&mut pages, drawing, scale);
+                pages.ensure(together(&document.blocks[index..=index]));
+                shapes::put(&mut pages, drawing, scale_of(drawing));
                 pages.paragraph(&drawing.caption, NOTE, LEFT, WIDTH);
             }
-            Block::Picture(picture) => put_picture(&mut pages, picture, &mut pictures),
+            Block::Picture(picture) => {
+                pages.ensure(together(&document.blocks[index..=index]));
+                put_picture(&mut pages, picture, &mut pictures);
+            }
         }
     }
     finish(&document.title, pages, &sections, &pictures)
+}
+
+/// Room that headings need with what they head, and a block by itself so that it is not parted where it must not be.
+fn together(blocks: &[Block]) -> f64 {
+    match blocks.first() {
+        Some(Block::Section(_)) => 40.0 + together(&blocks[1..]),
+        Some(Block::Heading(_)) => 24.0 + together(&blocks[1..]),
+        Some(Block::Drawing(drawing)) => height_of(drawing) + 30.0,
+        Some(Block::Picture(picture)) => {
+            let scale = picture.scale.as_ref().map_or(0.0, |scale| height_of(scale) + 8.0);
+            size_of(picture)[1] + scale + 36.0
+        }
+        Some(Block::Table(_)) => 60.0,
+        Some(_) => 40.0,
+        None => 0.0,
+    }
+}
+
+fn scale_of(drawing: &Drawing) -> f64 {
+    (WIDTH / drawing.size[0]).min(1.0)
+}
+
+fn height_of(drawing: &Drawing) -> f64 {
+    scale_of(drawing) * drawing.size[1]
+}
+
+/// Width and height of a picture on the page.
+fn size_of(picture: &Picture) -> [f64; 2] {
+    let [width, height] = picture.size.map(|side| f64::from(side.max(1)));
+    let scale = (WIDTH / width).min(TALLEST / height).min(1.0);
+    [scale * width, scale * height]
 }
 
 fn warning(pages: &mut Pages, text: &str) {
@@ -122,15 +154,18 @@ fn put_row(pages: &mut Pages, row: &[Vec<u8>], widths: &[f64], style: Style) {
 
 /// What a PNG file holds of pixels is what a PDF can hold as well: compressed rows with PNG's predictors.
 fn put_picture<'a>(pages: &mut Pages, picture: &'a Picture, pictures: &mut Vec<&'a Picture>) {
-    let [width, height] = picture.size.map(f64::from);
-    if width < 1.0 || height < 1.0 {
+    if picture.size.contains(&0) {
         return pages.paragraph(&picture.alternative, NOTE, LEFT, WIDTH);
     }
-    let scale = (WIDTH / width).min(TALLEST / height).min(1.0);
-    pages.ensure(scale * height + 24.0);
-    pages.picture(pictures.len(), [scale * width, scale * height]);
+    pages.picture(pictures.len(), size_of(picture));
     pictures.push(picture);
-    pages.paragraph(&picture.caption, NOTE, LEFT, WIDTH);
+    let mut caption = picture.caption.clone();
+    if let Some(scale) = &picture.scale {
+        pages.skip(4.0);
+        shapes::put(pages, scale, scale_of(scale));
+        caption = format!("{} {caption}", scale.caption);
+    }
+    pages.paragraph(&caption, NOTE, LEFT, WIDTH);
 }
 
 /// Compressed pixels of a PNG file: the bodies of its IDAT chunks.

@@ -36,11 +36,11 @@ pub fn section(fitted: &Fitted) -> Result<Vec<Block>, ReportError> {
                 index + 1
             ),
             fitted,
+            scale("weight", |part| format!("{part:.2}")),
         )?);
     }
-    blocks.push(scale("weight", |part| format!("{part:.2}")));
     match &fitted.residual {
-        Some(residual) => blocks.extend(residuals(&part, residual, fitted)?),
+        Some(residual) => blocks.push(residuals(&part, residual, fitted)?),
         None => {
             blocks.push(Block::text("residual.exr is missing, so there is no map of the errors: fit again to have it."))
         }
@@ -48,7 +48,7 @@ pub fn section(fitted: &Fitted) -> Result<Vec<Block>, ReportError> {
     Ok(blocks)
 }
 
-fn residuals(part: &Part, residual: &Planes, fitted: &Fitted) -> Result<[Block; 2], ReportError> {
+fn residuals(part: &Part, residual: &Planes, fitted: &Fitted) -> Result<Block, ReportError> {
     let (width, count) = (residual.size.0, residual.channels.len().max(1) as f64);
     let value = |x: usize, y: usize| {
         let (column, row) = (x.checked_sub(residual.origin.0)?, y.checked_sub(residual.origin.1)?);
@@ -58,7 +58,8 @@ fn residuals(part: &Part, residual: &Planes, fitted: &Fitted) -> Result<[Block; 
     };
     let high = part.high(value);
     let caption = "Mean error of every point over its lights. Even is good; edges or patches that stand out are where geometry, shadow or model fail.";
-    Ok([part.picture(value, high, caption.into(), fitted)?, scale("mean relative error", |part| percent(high * part))])
+    let scale = scale("mean relative error", |part| percent(high * part));
+    part.picture(value, high, caption.into(), fitted, scale)
 }
 
 fn any(weights: &[Image<f32>], x: usize, y: usize) -> bool {
@@ -105,6 +106,7 @@ impl Part {
         high: f64,
         caption: String,
         fitted: &Fitted,
+        scale: Drawing,
     ) -> Result<Block, ReportError> {
         let [width, height] = [self.width, self.height].map(|side| side.div_ceil(self.step));
         let mut picture = Image::filled(width, height, NOTHING);
@@ -125,7 +127,8 @@ impl Part {
             reason: format!("no picture can be made of its maps: {reason}"),
         })?;
         let alternative = caption.clone();
-        Ok(Block::Picture(Picture { caption, alternative, size: [width as u32, height as u32], png }))
+        let size = [width as u32, height as u32];
+        Ok(Block::Picture(Picture { caption, alternative, size, png, scale: Some(scale) }))
     }
 }
 
@@ -138,11 +141,11 @@ fn colour(part: f64) -> [u8; 3] {
 }
 
 /// The scale of a picture, with its numbers.
-fn scale(what: &str, number: impl Fn(f64) -> String) -> Block {
+fn scale(what: &str, number: impl Fn(f64) -> String) -> Drawing {
     const STEPS: usize = 64;
     let (left, width, bottom) = (24.0, 360.0, 22.0);
     let mut drawing = Drawing {
-        caption: format!("Scale: {what}"),
+        caption: format!("Scale: {what}."),
         alternative: format!("Colours of the {what} from {} to {}", number(0.0), number(1.0)),
         size: [640.0, 44.0],
         shapes: Vec::new(),
@@ -156,5 +159,5 @@ fn scale(what: &str, number: impl Fn(f64) -> String) -> Block {
     for part in [0.0, 0.25, 0.5, 0.75, 1.0] {
         drawing.text([left + width * part, bottom + 15.0], number(part), Tone::Ink, Anchor::Middle);
     }
-    Block::Drawing(drawing)
+    drawing
 }

@@ -8,6 +8,7 @@ mod fit;
 mod lamp;
 mod maps;
 mod material;
+mod preview;
 mod provenance;
 mod sources;
 mod summary;
@@ -53,7 +54,7 @@ pub enum ReportError {
 /// It is no session, or a file of it is damaged.
 pub fn of_session(directory: &Path) -> Result<Document, ReportError> {
     let session = Session::read(directory)?;
-    let mut blocks = summary::of_session(&session);
+    let mut blocks = summary::of_session(&session)?;
     blocks.extend(capture::section(&session));
     blocks.extend(calibration::section(&session));
     blocks.extend(lamp::section(&session));
@@ -78,7 +79,7 @@ pub fn of_result(directory: &Path) -> Result<Document, ReportError> {
                  `rigd fit`"
             .into(),
     })?;
-    let mut blocks = summary::of_result(&fitted);
+    let mut blocks = summary::of_result(&fitted)?;
     blocks.extend(of_fit(&fitted)?);
     blocks.extend(provenance::of_result(&fitted)?);
     Ok(Document { title: "Fit report".into(), blocks })

@@ -2,6 +2,7 @@
 
 use super::sources::{Fitted, Session};
 use super::words::{count, percent};
+use super::{ReportError, preview};
 use crate::document::Block;
 use crate::pipeline::report::{Identified, MaterialFile};
 use crate::session::state::SessionState;
@@ -9,7 +10,7 @@ use crate::session::state::SessionState;
 /// What the paper reports for its two balls (Zheng, Ma, Zeng 2008, section 4): marble, wood.
 pub const PAPERS_ERRORS: [(&str, f64); 2] = [("marble", 0.0589), ("wood", 0.0434)];
 
-pub fn of_session(session: &Session) -> Vec<Block> {
+pub fn of_session(session: &Session) -> Result<Vec<Block>, ReportError> {
     let snapshot = &session.ledger.snapshot;
     let mut blocks = vec![Block::Section("In short".into())];
     if session.manifest.simulated {
@@ -17,6 +18,7 @@ pub fn of_session(session: &Session) -> Vec<Block> {
     }
     blocks.push(Block::text(how_it_ended(session)));
     if let Some(fitted) = &session.fitted {
+        blocks.push(preview::block(fitted)?);
         blocks.push(Block::text(how_good(fitted)));
         blocks.push(Block::text(how_sure(&fitted.material)));
     } else {
@@ -30,13 +32,14 @@ pub fn of_session(session: &Session) -> Vec<Block> {
     let fitted = session.fitted.iter().flat_map(|fitted| fitted.report.warnings.clone());
     let of_calibration =
         session.calibration.iter().flat_map(|c| c.warnings.iter().map(|w| format!("calibration: {w}")));
-    blocks.extend(warnings(own.into_iter().chain(fitted).chain(of_calibration)));
-    blocks
+    blocks.extend(warnings(own.into_iter().chain(fitted).chain(of_calibration), session.manifest.simulated));
+    Ok(blocks)
 }
 
-pub fn of_result(fitted: &Fitted) -> Vec<Block> {
+pub fn of_result(fitted: &Fitted) -> Result<Vec<Block>, ReportError> {
     let mut blocks = vec![Block::Section("In short".into())];
-    if fitted.material.provenance.simulated == Some(true) {
+    let simulated = fitted.material.provenance.simulated == Some(true);
+    if simulated {
         blocks.push(Block::Warning(
             "the frames are of a simulated rig: nothing here was measured on a real object.".into(),
         ));
@@ -45,11 +48,12 @@ pub fn of_result(fitted: &Fitted) -> Vec<Block> {
         Block::text(
             "This result was fitted to a dataset by itself: it does not say how that was captured or calibrated.",
         ),
+        preview::block(fitted)?,
         Block::text(how_good(fitted)),
         Block::text(how_sure(&fitted.material)),
     ]);
-    blocks.extend(warnings(fitted.report.warnings.iter().cloned()));
-    blocks
+    blocks.extend(warnings(fitted.report.warnings.iter().cloned(), simulated));
+    Ok(blocks)
 }
 
 fn how_it_ended(session: &Session) -> String {
@@ -121,8 +125,8 @@ fn how_sure(material: &MaterialFile) -> String {
     )
 }
 
-/// Each once, whoever said it.
-fn warnings(all: impl Iterator<Item = String>) -> Vec<Block> {
+/// Each once, whoever said it; that it is all `simulated` stands above already.
+fn warnings(all: impl Iterator<Item = String>, simulated: bool) -> Vec<Block> {
     let mut told: Vec<String> = Vec::new();
     for warning in all {
         if !told.contains(&warning) {
@@ -131,7 +135,8 @@ fn warnings(all: impl Iterator<Item = String>) -> Vec<Block> {
     }
     let head = Block::Section("Warnings, and what to do".into());
     if told.is_empty() {
-        return vec![head, Block::text("There are none.")];
+        let none = if simulated { "None but the one above: this is a simulated rig." } else { "There are none." };
+        return vec![head, Block::text(none)];
     }
     std::iter::once(head).chain(told.into_iter().map(Block::Warning)).collect()
 }
