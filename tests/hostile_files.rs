@@ -253,7 +253,8 @@ fn a_description_that_is_no_file_or_has_no_end_is_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     for (name, command) in [("exposures.toml", "merge"), ("material.json", "relight")] {
         pipe(&folder.path().join(name));
-        let lights: &[&Path] = if command == "merge" { &[] } else { &["--lights", "x", "--out", "x"].map(Path::new) };
+        let lights = [Path::new("--lights"), folder.path(), Path::new("--out"), Path::new("x")];
+        let lights: &[&Path] = if command == "merge" { &[] } else { &lights };
         let output = rigd(&[&[Path::new(command), folder.path()], lights].concat());
         refused(&output, &[name, "this is a pipe (FIFO)"]);
     }

@@ -89,7 +89,7 @@ export function live(view, id) {
     fill(parts.head, h("h2", {}, "Fit ", name), h("p", { role: "status" }, `The fit ${standing}.`), weak && h("p", {}, h("strong", { className: "weak-mark" }, `⚠ ${weak}`)), facts([["Points, samples", fit.points ? `${fit.points.toLocaleString("en")}, ${fit.samples.toLocaleString("en")}` : ""]]), links);
     fill(parts.steps, steps(fit));
     fill(parts.chart, h("h3", {}, "Error"), chart(fit));
-    fill(parts.materials, h("h3", {}, "Parameters"), fit.materials.length ? h("div", { className: "tables" }, fit.materials.map(material)) : h("p", {}, "None yet."));
+    fill(parts.materials, h("h3", {}, "Parameters"), fit.materials.length ? h("div", { className: "tables", role: "region", tabIndex: 0, "aria-label": "Parameters" }, fit.materials.map(material)) : h("p", {}, "None yet."));
     fill(parts.map, h("h3", {}, "Where the error is"), fit.residual_map ? h("figure", {}, residuals(fit.residual_map), h("figcaption", {}, scaleBar(["0 %", "5 %", "10 %"], "Mean relative error, full colour from 10 % on.", "reds"))) : h("p", {}, "No map yet."));
     fill(parts.tried, tried(fit));
     // What is shown, for who measures how far behind it is.

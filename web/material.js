@@ -78,6 +78,6 @@ export async function material(id) {
   const path = `/v1/sessions/${id}/result`;
   const [{ material: fitted, report }, result] = await Promise.all([ask(`/v1/sessions/${id}/material`), resultOf(id)]);
   return h("section", {}, h("h3", {}, "Material"), errors(report), list("Warnings", report.warnings, "warnings"),
-    h("div", { className: "tables" }, fitted.materials.map(parameters)), candidates(report), how(fitted, report),
+    h("div", { className: "tables", role: "region", tabIndex: 0, "aria-label": "Parameters" }, fitted.materials.map(parameters)), candidates(report), how(fitted, report),
     h("p", {}, "Files: ", FILES.flatMap((name) => [link(name, `${path}/${name}`), " "])), exports(result));
 }

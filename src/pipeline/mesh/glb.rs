@@ -111,7 +111,7 @@ mod tests {
         for name in shapes::NAMES {
             let parts = shapes::by_name(name).unwrap();
             let positions = parts.positions.iter().map(|p| far + 1e-3 * p).collect();
-            let mesh = Mesh::new(Parts { positions, ..parts }).unwrap();
+            let mesh = Mesh::new(Parts { positions, ..parts }.used()).unwrap();
             let back = read(Format::Gltf, &write(&mesh), &|_| panic!("it opens another file")).unwrap();
             let (was, is) = (mesh.parts(), back.parts());
             assert_eq!((&is.triangles, is.uv.len()), (&was.triangles, was.uv.len()), "{name}");
