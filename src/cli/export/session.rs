@@ -13,7 +13,7 @@ use crate::store::manifest::{self, Manifest};
 use crate::store::result::{self, StoredMaterial};
 use serde::Serialize;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Folders and files of a session without which a crate is not the session.
 const PARTS: [&str; 6] = ["frames", "radiance", "result", "journal.jsonl", "manifest.json", "dataset.toml"];
@@ -100,11 +100,12 @@ fn sound(session: &Path) -> anyhow::Result<(Manifest, SessionSnapshot)> {
 /// The directory of the bag; it must not lie in the session that it holds.
 fn outside(out: &Path, session: &Path) -> anyhow::Result<PathBuf> {
     let absolute = std::path::absolute(out).map_err(|e| bad_input(format!("{}: {e}", shown(out))))?;
-    if absolute.components().any(|part| part == std::path::Component::ParentDir) {
-        return Err(bad_input(format!("{}: give --out without `..`", shown(out))));
+    let there = absolute.ancestors().find_map(|folder| Some((folder, folder.canonicalize().ok()?)));
+    let new = there.as_ref().and_then(|(folder, _)| absolute.strip_prefix(folder).ok());
+    if new.is_some_and(|new| new.components().any(|part| part == Component::ParentDir)) {
+        return Err(bad_input(format!("{}: `..` leads out of a folder that is not there: correct --out", shown(out))));
     }
-    let there = absolute.ancestors().find_map(|folder| folder.canonicalize().ok());
-    if there.is_some_and(|folder| folder.starts_with(session)) {
+    if there.is_some_and(|(_, folder)| folder.starts_with(session)) {
         return Err(bad_input(format!("{}: this lies in the session itself: give another --out", shown(out))));
     }
     Ok(absolute)
