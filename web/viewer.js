@@ -23,7 +23,7 @@ const PIXELS_A_POINT = 2;
 /// So near the line a drag moves it, points on the screen.
 const NEAR_LINE = 20;
 /// A frame while something moves: slower ones get larger pixels, quicker ones smaller ones again; and how large they may become, each way.
-const [SLOW_MS, QUICK_MS, COARSEST] = [50, 30, 4];
+const [SLOW_MS, QUICK_MS, COARSEST] = [66, 30, 4];
 
 const seconds = (value) => (value < 0.5 ? `1/${Math.round(1 / value)} s` : `${+value.toPrecision(2)} s`);
 const coordinates = (v) => v.map((x) => +x.toPrecision(6)).join(",");
