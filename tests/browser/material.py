@@ -73,8 +73,8 @@ def is_fitted_again(chromium, daemon):
 
 
 def is_fitted_live(chromium, daemon):
-    """A session's own fit, its stream open from the first frame on: no update is late. A release build may be through before the daemon
-    tells a second time: it does so ten times a second at most."""
+    """A session's own fit, its stream open from the first frame on: no update is late. A release build is through in less than a
+    tenth of a second, and the page, which asks again once an answer is shown, may then show the end alone; steps are looked for in the refit."""
     browser = Browser(chromium, daemon.url, "desktop")
     started = daemon.call("/v1/sessions", {"name": "marble ball, again"})
     page = browser.open(f"fit/{started['id']}")
